@@ -18,19 +18,19 @@ from fsw.messages import FloatArray, Window
 from fsw.messages.findings import Fault
 
 STILL_PROBABILITY = 1e-6  # of calling a joint at rest a moving one, per window
-ANGLE_NOISE_RAD = 1e-5  # of a sample; beyond it the block has errors of angles and of rates
+ANGLE_NOISE_RAD = 1e-5  # of a sample; above it a block has the covariance of angles too
 SPIKE_RATIO = 0.05  # of a window's samples; more outliers mean that the channel is not to be used
 MIN_SPIKES = 3
-SURPLUS_RATIO = 0.01  # of its samples that a window may have too many to count for the noise
-LACKING_RATIO = 0.25  # that it may lack
+SURPLUS_RATIO = 0.01  # of its samples: with more in surplus, a window does not count for the noise
+LACKING_RATIO = 0.25  # the same for missing samples
 MOTION = (0, 1, 2)  # derivatives of a joint's position
-OF_SPEED = (-1, 0, 1)  # the same of its speed
-SPEED_EXTRA_DEGREE = 1  # of a speed over a torque: one derivative is wanted, and its noise is large
+OF_SPEED = (-1, 0, 1)  # the same derivatives, counted from its speed
+SPEED_EXTRA_DEGREE = 1  # of a speed's polynomial over a torque's: its first derivative is used
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Arm:
-    """What a block holds of the joints; see `Block`."""
+    """The joints' part of a block; see `Block`."""
 
     motion: FloatArray  # (3, m, n) positions, rates and accelerations
     walk_rad2: FloatArray
@@ -43,16 +43,16 @@ class Arm:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmWanted:
-    """The fits that a window's joints need; `own` are the places of each one's channels."""
+    """The fits that a window's joints need; `own`: the joints of each fit."""
 
     wanted: Sequence[Wanted]
     own: Sequence[list[int]]
-    is_motion: Sequence[bool]  # of positions or speeds; else of torques
+    is_motion: Sequence[bool]  # whether a fit is of positions or speeds; else of torques
     counts: Sequence[int]  # samples of each joint
     gated: bool
 
 
-Removed = list[tuple[int, Fault, int]]  # joint, what was found, samples left out
+Removed = list[tuple[int, Fault, int]]  # joint, fault, number of samples left out
 
 
 class ArmConditioner:
@@ -80,14 +80,14 @@ class ArmConditioner:
         self._speed_rad_s = np.array([joint.friction_speed_rad_s for joint in joints])
         self._samples = torque_samples(config, order)
         self._cov_model = torque_model_covariance(config, order)
-        # friction that reverses is up to its size off the polynomial: no outlier up to 3 sigma
+        # reversing friction deviates from the polynomial: up to 3 sigma of it is no outlier
         left_out = np.array([joint.torque_model_sigma_nm for joint in joints])
         self._torque_gate = np.hypot(np.hypot(self._torque_sigma, 0.5 * self._coulomb_nm), left_out)
 
     def wanted(self, window: Window, *, gated: bool) -> ArmWanted | None:
         """Return the fits that a window needs; None where a joint's samples are missing.
 
-        Not `gated`, torques are no polynomials: none of their samples is an outlier.
+        If not `gated`, torques are no polynomials, and none of their samples counts as an outlier.
         """
         channels = [window.joints[k] for k in self._order]
         if any(channel.missing for channel in channels):
@@ -130,7 +130,7 @@ class ArmConditioner:
     def made(
         self, asked: ArmWanted, fitted: Sequence[Fitted], start_ns: int, stop_ns: int
     ) -> tuple[Arm | None, Removed]:
-        """Return the arm by its fits, and what was left out; None: a position is not known."""
+        """Return the arm from its fits, and the samples left out; None: a position is unknown."""
         n, removed = len(asked.counts), list[tuple[int, Fault, int]]()
         positions, torques, products = [NO_FIT] * n, [NO_FIT] * n, np.zeros((len(LAGS), n))
         for found, own, is_motion in zip(fitted, asked.own, asked.is_motion, strict=True):
@@ -207,7 +207,7 @@ def is_doubtful(removed: int, samples: int) -> bool:
 
 
 def tells_of_noise(fill: float) -> bool:
-    """Return whether a window with this share of its samples tells of their noise."""
+    """Return whether a window with this share of its samples counts for the noise."""
     return 1.0 - LACKING_RATIO <= fill <= 1.0 + SURPLUS_RATIO
 
 

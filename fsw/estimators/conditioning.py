@@ -1,9 +1,9 @@
-"""Signal conditioning: from windows of samples to blocks of nodes where all is known at once.
+"""Signal conditioning: from windows of samples to blocks of values at common instants (nodes).
 
-Every channel, and the derivatives qd, qdd and wd, is read at the same Gauss-Legendre instants, with
-the covariance that its samples' white noise leaves. Channels sampled at the same instants share one
-operator; windows that are at hand together are fitted by one matrix product. Outliers are removed,
-channel by channel, by their distance from the window's own polynomial and counted.
+Every channel, and the derivatives qd, qdd and wd, is evaluated at the same Gauss-Legendre instants,
+with the covariance that its samples' white noise leaves. Channels sampled at the same instants
+share one operator; windows given together are fitted by one matrix product. Outliers are counted
+and removed, channel by channel, by their distance from the window's own polynomial.
 """
 
 from __future__ import annotations
@@ -34,19 +34,19 @@ ACC_FAULTS = ("accelerometer", Fault.ACC_SPIKE, Fault.ACC_INCONSISTENT)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Asked:
-    """A window and what is to be fitted of it."""
+    """A window and the fits that it needs."""
 
     window: Window
     t_ns: NDArray[np.int64]  # (m,) of the nodes
-    firings: dict[str, FloatArray] | None  # see `Block`; None: not known
-    missed: bool  # a change of a valve
+    firings: dict[str, FloatArray] | None  # the thrusters' part of a block; None: unknown
+    missed: bool  # whether a change of a valve was missed
     arm: ArmWanted | None  # None: a joint's samples are missing
-    gyro: Wanted | None  # None: missing, as the next
+    gyro: Wanted | None  # None: missing; likewise the accelerometer
     accelerometer: Wanted | None
 
     @property
     def wanted(self) -> list[Wanted]:
-        """What is to be fitted, in order."""
+        """Return all fits, in order."""
         inertial = [own for own in (self.gyro, self.accelerometer) if own is not None]
         return [*(() if self.arm is None else self.arm.wanted), *inertial]
 
@@ -71,7 +71,7 @@ class Conditioner:
         self._valves = Valves(config.thrusters) if config.thrusters else None
         self._tail_s = Thrusters.of(config).tail_s
         self._momentum_lost = False  # a change of a valve was missed, or may have been
-        self._newest = -1  # window
+        self._newest = -1  # index of the newest window
         self.outliers = 0
         self.unusable_windows = 0
         self._R_NB = np.eye(3)
@@ -80,20 +80,20 @@ class Conditioner:
         self._found: list[Finding] = []
 
     def findings(self) -> list[Finding]:
-        """Return and forget what was found wrong in the windows."""
+        """Return and discard the findings in the windows so far."""
         found, self._found = self._found, []
         return found
 
     def condition(self, window: Window) -> Block | None:
-        """Return `blocks` of one window."""
+        """Return the block of one window, as `blocks` does."""
         return self.blocks((window,))[0]
 
     def blocks(self, windows: Sequence[Window]) -> list[Block | None]:
-        """Return the block of each window, in order; None where the arm's motion cannot be known.
+        """Return the block of each window, in order; None where the motion cannot be known.
 
-        A joint without position makes the window unusable; a missing gyro or accelerometer is
-        marked in the block and its rows stay out of the update. Windows given together and one by
-        one have the same blocks.
+        A window is unusable if a joint's position, a wheel's momentum or a valve's state is
+        unknown. A missing gyro or accelerometer is marked in the block, and its rows are not used.
+        Windows given together have the same blocks as windows given one by one.
         """
         asked = [self._asked(window) for window in windows]
         fitted = iter(fit_windows([wanted for own in asked for wanted in own.wanted]))
@@ -121,7 +121,7 @@ class Conditioner:
         )
 
     def _block(self, asked: _Asked, fitted: Iterator[Fitted]) -> Block | None:
-        """Return the block by the fits, of which this window's come next."""
+        """Return the block of a window, whose fits are the next ones of `fitted`."""
         m, window, arm = self._nodes, asked.window, None
         turns = self._turns(window, asked.t_ns)
         self._follow_valves(asked)
@@ -177,7 +177,7 @@ class Conditioner:
         )
 
     def _turns(self, window: Window, t_ns: NDArray[np.int64]) -> dict[str, FloatArray] | None:
-        """Return what a block holds of the wheels; None where a momentum cannot be known."""
+        """Return the wheels' part of a block; None if the momentum of a wheel is unknown."""
         found: list[Turn | None] = []
         for wheel, channel in zip(self._wheels, window.wheels, strict=True):
             turn = None
@@ -207,7 +207,7 @@ class Conditioner:
         }
 
     def _follow_valves(self, asked: _Asked) -> None:
-        """Note where a change of a valve was missed, or may have been."""
+        """Mark the momentum as lost if a change of a valve was missed, or may have been."""
         window = asked.window
         resumed, self._newest = self._newest < 0 < window.index, window.index
         if asked.missed:
@@ -218,10 +218,10 @@ class Conditioner:
     def _attitude(
         self, channel: ChannelWindow, t_ns: NDArray[np.int64], w_NB_B: FloatArray
     ) -> FloatArray:
-        """Return R_NB (m, 3, 3) at the nodes: the nearest solution, turned on by the window's rate.
+        """Return R_NB (m, 3, 3) at the nodes: the nearest solution, turned by the window's rate.
 
-        Without a solution in the window the last one is propagated by the gyro; before the first
-        one the attitude is not known and the identity stands for it.
+        Without a solution in the window the last attitude is propagated by the gyro. Before the
+        first solution the attitude is unknown, and R_NB is the identity.
         """
         is_new = not channel.missing and len(channel.t_ns) > 0
         self._attitude_known |= is_new
@@ -246,10 +246,10 @@ class Conditioner:
         *,
         gated: bool,
     ) -> Wanted | None:
-        """Return what is to be fitted of a channel of the inertial unit; None: it is missing.
+        """Return the fit that a channel of the inertial unit needs; None: the channel is missing.
 
-        Too few samples for the highest polynomial tell nothing of the noise, nor does a window in
-        which a thrust changes.
+        A window does not count for the noise if it has too few samples for the highest polynomial,
+        or if a thrust changes in it.
         """
         if channel.missing:
             return None
@@ -276,9 +276,9 @@ class Conditioner:
         orders: tuple[int, ...],
         faults: tuple[str, Fault, Fault],
     ) -> tuple[FloatArray, FloatArray, bool, FloatArray]:
-        """Return stacked derivatives at the nodes (len(orders) m, 3), their covariance, usable.
+        """Return derivatives at the nodes (len(orders) m, 3), covariance, usable or not, products.
 
-        And the mean products (L,) of the three axes; zero where they do not tell of the noise.
+        The mean products (L,) are those of the three axes; zero if they do not count for the noise.
         """
         found, products, rows = NO_FIT, np.zeros(len(LAGS)), self._nodes * len(orders)
         if fitted is not None:

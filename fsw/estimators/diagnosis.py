@@ -1,12 +1,12 @@
 """How good an estimate is, in numbers and words: pure functions of prior, covariance and duration.
 
 With P0 the prior's covariance, P the estimate's and F = P^-1 - P0^-1 what the data add, the
-generalised eigenvectors of F against P0^-1 are the combinations of unknowns that data know apart
-from each other; the eigenvalue (gain) is the data's information over the prior's.
+generalised eigenvectors of F against P0^-1 are the combinations of unknowns that the data determine
+independently of each other; the eigenvalue (gain) is the data's information over the prior's.
 
-Efficiency is the Cramer-Rao bound over the covariance claimed. For a recursion that maximises the
-likelihood of its own channels the two coincide by construction (its factor is the root of the
-Fisher information at its estimate); against the bound of all channels it says what a method wastes.
+Efficiency is the Cramer-Rao bound over the claimed covariance. It is one by construction for a
+recursion that maximises the likelihood of its own channels (its factor is the root of the Fisher
+information at its estimate). Against the bound of all channels it shows what a method wastes.
 """
 
 from collections.abc import Sequence
@@ -21,8 +21,8 @@ from fsw.estimators.model.inertia import PARAMETERS, from_parameters, report_jac
 from fsw.estimators.parameter_verdicts import MEASURED, Words, in_words, parameter_verdicts
 from fsw.messages import BodyEstimate, FloatArray
 
-DATA_GAIN = 1.0  # above: the data know the combination better than the prior did
-CONFLICT_GAIN = 0.1  # combinations with less data cannot contradict the prior
+DATA_GAIN = 1.0  # above it, the data determine the combination better than the prior did
+CONFLICT_GAIN = 0.1  # combinations with a smaller gain cannot contradict the prior
 CONFLICT_PROBABILITY = 1e-4
 TERMS = 3  # unknowns named per combination
 WHITE = 3.29  # two-sided 99.9 % of a standard normal
@@ -41,18 +41,18 @@ class Combination:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Diagnosis:
-    """Knowledge of the parameters: how much, and from which source."""
+    """How well the parameters are known, and from which source."""
 
     correlation: FloatArray  # (p, p)
     crb_sigma: FloatArray  # (p,) root of the bound's diagonal, prior included
     efficiency_trace: float  # tr(CRB P0^-1) / tr(P P0^-1); at most 1 for an honest covariance
     efficiency_volume: float  # (det CRB / det P)^(1/p)
     combinations: tuple[Combination, ...]  # weakest first
-    known: int  # combinations known by data
+    known: int  # number of combinations known by data
     conflict: float  # squared whitened distance of data from prior
     conflict_limit: float  # its 99.99 % point
-    verdicts: dict[str, str]  # per body
-    parameters: dict[str, Words]  # per body: who knows each of its parameters
+    verdicts: dict[str, str]  # a sentence per body
+    parameters: dict[str, Words]  # per body: whether data or prior determine each parameter
 
 
 def gains(prior_covariance: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -77,8 +77,8 @@ def prior_conflict(
 ) -> tuple[float, int]:
     """Return the squared whitened distance of the data's estimate from the prior, and its dof.
 
-    Of the combinations that data bear on; d^T (F^-1 + P0)^-1 d, written with the estimate's own
-    step from the prior, whose covariance is P0 - P when the two agree.
+    Only combinations with a gain above CONFLICT_GAIN count. The distance d^T (F^-1 + P0)^-1 d is
+    written with the estimate's step from the prior, whose covariance is P0 - P if both agree.
     """
     gain, W = gains(prior_covariance, covariance)
     step = W @ (mean - prior_mean)
@@ -93,9 +93,9 @@ def stated_conflict(
     covariance: FloatArray,
     bodies: int,
 ) -> tuple[float, int]:
-    """Return `prior_conflict` in the coordinates that see the lesser conflict.
+    """Return the smaller one of `prior_conflict` in moments and in the stated quantities.
 
-    The first `bodies` tens of states are bodies.
+    The first 10 x `bodies` states are the parameters of bodies.
     """
     starts = range(0, PARAMETERS * bodies, PARAMETERS)
     views = conflict_views((prior_mean, prior_covariance), (mean, covariance), starts)
@@ -106,12 +106,12 @@ def stated_conflict(
 def conflict_views(
     prior: Gaussian, estimate: Gaussian, starts: range
 ) -> list[tuple[Gaussian, Gaussian]]:
-    """Return prior and estimate in moments, and as stated; a conflict is one in both.
+    """Return prior and estimate in moments, and as stated; a true conflict shows in both.
 
     A prior is stated as a Gaussian of mass, centre of mass and central inertia. First and second
-    moments are products of these, so 50 % off in each is far more sigmas in them than in what was
-    stated. Of a body still badly known it is the other way round: its centre is a quotient. Without
-    a positive mass a body is compared in moments only.
+    moments are products of these, so an error of 50 % in each is many more sigmas in moments than
+    in the stated quantities. The opposite holds for a body still badly known, whose centre of mass
+    is a quotient. A body without positive mass is compared in moments only.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ def conflict_views(
 def as_stated(
     x: FloatArray, covariance: FloatArray, starts: range
 ) -> tuple[FloatArray, FloatArray]:
-    """Return mean and covariance with mass, centre of mass and central inertia for the moments."""
+    """Return mean and covariance with mass, centre of mass, central inertia in place of moments."""
     y, J = x.copy(), np.eye(len(x))
     for start in starts:
         k = slice(start, start + PARAMETERS)
@@ -139,7 +139,7 @@ def as_stated(
 
 
 def conflict_limit(dof: int) -> float:
-    """Return the distance that a correct prior exceeds once in ten thousand."""
+    """Return the distance that a correct prior exceeds once in ten thousand cases; 0 for dof 0."""
     return float(chdtri(dof, CONFLICT_PROBABILITY)) if dof else 0.0
 
 
@@ -167,11 +167,11 @@ def diagnose(
 
     Parameters
     ----------
-    duration_s : of the data since the prior
+    duration_s : length of the data since the prior [s]
     bound : (p, p) least covariance that all the data and the prior allow; None: the estimate's own,
         for which the efficiency is one
-    goal_ratio : relative 1-sigma of the mass that the verdict asks for
-    reason : why the estimate is not valid; the verdict says so; empty: it is
+    goal_ratio : relative 1-sigma of the mass that the verdict is about
+    reason : why the estimate is invalid, for the verdict; empty: the estimate is valid
 
     Raises
     ------
@@ -183,7 +183,7 @@ def diagnose(
     traces = [np.trace(np.linalg.solve(prior_covariance, P)) for P in (bound, covariance)]
     volumes = [np.linalg.slogdet(P)[1] for P in (bound, covariance)]
     distance, dof = stated_conflict(prior_mean, prior_covariance, mean, covariance, len(bodies))
-    # row k of W acts on x; in prior sigmas its weights are W P0 diag(1/sigma), as loadings
+    # row k of W acts on x; its loadings on the unknowns in prior sigmas are W P0 diag(1/sigma)
     loadings = W @ prior_covariance / np.sqrt(np.diag(prior_covariance))
     parameters = {
         name: parameter_verdicts(body, _stated_sigma(prior_mean[k], prior_covariance[k, k]), reason)
@@ -236,7 +236,7 @@ def _stated_sigma(mean: FloatArray, covariance: FloatArray) -> FloatArray:
 
 
 def _refusal(name: str, body: BodyEstimate, reason: str, words: Words) -> str:
-    """Say that the estimate is not valid, and what of it is of use all the same."""
+    """Return the verdict on an invalid estimate; a measured mass is named as usable alone."""
     if words["mass_kg"] != MEASURED:
         return f"{name} mass not identified: the estimate is not valid, {reason}"
     ratio = body.mass_sigma_kg / abs(body.mass_kg)
@@ -254,7 +254,7 @@ def verdict(
     duration_s: float,
     goal_ratio: float = GOAL_RATIO,
 ) -> str:
-    """Say in a sentence how well a body's mass is known and how much longer a goal needs.
+    """Return a sentence on how well a body's mass is known and how much longer a goal needs.
 
     The data's information is assumed to continue growing at its mean rate so far.
     """
@@ -286,7 +286,7 @@ def whiteness(whitened: Sequence[FloatArray]) -> tuple[float, float]:
 
 
 def plain(diagnosis: Diagnosis, names: Sequence[str], strongest: int = 5) -> dict[str, Any]:
-    """Return a diagnosis as plain JSON values."""
+    """Return a diagnosis as plain JSON values, with the `strongest` largest correlations listed."""
     rows, columns = np.triu_indices(len(names), 1)
     values = diagnosis.correlation[rows, columns]
     order = np.argsort(-np.abs(values))[:strongest]

@@ -1,7 +1,7 @@
 """Noise that fades exponentially, and its covariance at the nodes of a window.
 
-An autoregression of first order (Box, Jenkins, Time Series Analysis, 1976, sec. 3.2), read through
-the polynomial that takes a window's samples to its nodes.
+The noise is a first-order autoregression (Box, Jenkins, Time Series Analysis, 1976, sec. 3.2). The
+polynomial fit of a window takes it from the samples to the nodes.
 """
 
 from functools import lru_cache
@@ -13,19 +13,19 @@ from scipy.linalg import matmul_toeplitz
 from fsw.estimators.polynomial import gauss_nodes
 from fsw.messages import FloatArray
 
-NEIGHBOURS = 4  # windows on either side whose nodes are correlated with a window's
+NEIGHBOURS = 4  # windows on either side whose nodes are correlated with those of this window
 
 
 def instants(samples: int) -> FloatArray:
-    """Return when the samples of a window lie in it, (samples,) in (-1, 1)."""
+    """Return the instants (samples,) of a window's samples, scaled to (-1, 1)."""
     return np.asarray((np.arange(samples) + 0.5) * (2.0 / samples) - 1.0, np.float64)
 
 
 @lru_cache(maxsize=8)
 def _to_nodes(samples: int, nodes: int) -> FloatArray:
-    """Return (2 nodes, samples): a window's samples to values at its nodes, then derivatives.
+    """Return (2 nodes, samples): map of samples to values, then derivatives, at the nodes.
 
-    The time of the derivatives is in half windows.
+    Derivatives are by the time in half windows.
     """
     Q, R = np.linalg.qr(legendre.legvander(instants(samples), nodes - 1))
     unit = np.eye(nodes)
@@ -40,10 +40,10 @@ def covariance_at_nodes(
 ) -> FloatArray:
     """Return the covariance (m, m) at the nodes of noise of unit variance.
 
-    With `derivatives` (2 m, 2 m): of the values, then of their derivatives by half windows.
+    With `derivatives` (2 m, 2 m): of values, then of derivatives by the time in half windows.
 
-    It includes that with the nodes of neighbouring windows, so that all windows together know a
-    constant as well as their samples do.
+    The covariance with the nodes of neighbouring windows is included, so that all windows together
+    determine a constant as accurately as their samples do.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def covariance_at_nodes(
     """
     E, place = _to_nodes(samples, nodes), np.arange(samples)
     E = E if derivatives else E[:nodes]
-    # a sample and one of the next window are a^(samples + i - j) alike: a product of two
+    # samples i, j of two successive windows correlate by a^(samples + i - j), a product of two
     further = sum(fading ** (samples * k) for k in range(NEIGHBOURS))
     across = further * np.outer(E @ fading**place, E @ fading ** (samples - place))
     return np.asarray(E @ matmul_toeplitz(fading**place, E.T) + across + across.T)

@@ -1,7 +1,7 @@
 """States whether data, the prior alone or nothing determines each published parameter.
 
-A light payload's mass and centre of mass are of use though its inertia is not. So every parameter
-has a word of its own, beside the verdict on the estimate as a whole.
+A light payload's mass and centre of mass can be of use while its inertia is not. So every parameter
+has its own verdict, beside the verdict on the estimate as a whole.
 """
 
 import numpy as np
@@ -9,24 +9,24 @@ import numpy as np
 from fsw.messages import BodyEstimate, FloatArray
 
 MEASURED, PRIOR, UNBOUNDED, INVALID = "measured", "prior-dominated", "unbounded", "not valid"
-USABLE = ("", "INSUFFICIENT_EXCITATION")  # reasons that leave measured parameters as they are
-DATA_GAIN = 1.0  # data's information over the prior's, from which on a parameter is measured
+USABLE = ("", "INSUFFICIENT_EXCITATION")  # reasons that do not affect measured parameters
+DATA_GAIN = 1.0  # data's information over the prior's, above which a parameter is measured
 NAMES = ("mass", "x", "y", "z", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
 
 Words = dict[str, str | list[str]]
 
 
 def parameter_verdicts(body: BodyEstimate, prior_sigma: FloatArray, reason: str) -> Words:
-    """Return a word for the mass, each coordinate of the centre of mass and of the inertia.
+    """Return a word for the mass, each coordinate of the centre of mass, each element of inertia.
 
     Unbounded: 1 sigma is larger than the parameter's own size (the mass, the radius of gyration,
     the mean moment of inertia). Prior-dominated: the data say less than the prior did. Not valid:
-    the model does not fit, or the estimate has not settled, so nothing of it is to be used.
+    the model does not fit, or the estimate has not settled, so that no parameter is of use.
 
     Parameters
     ----------
     prior_sigma : (10,) of mass, centre of mass, inertia
-    reason : why the estimate is not valid; empty: it is
+    reason : why the estimate is invalid; empty: the estimate is valid
     """
     sigma = np.concatenate(
         [[body.mass_sigma_kg], body.com_sigma_m, body.inertia_sigma_kg_m2], dtype=np.float64
@@ -39,7 +39,7 @@ def parameter_verdicts(body: BodyEstimate, prior_sigma: FloatArray, reason: str)
 def predicted_verdicts(
     mass_kg: float, inertia_kg_m2: FloatArray, sigma: FloatArray, prior_sigma: FloatArray
 ) -> Words:
-    """Return the same words for a body (inertia xx xy xz yy yz zz) of which sigmas (10,) stand."""
+    """Return these words for given sigmas (10,) of a body; its inertia is xx xy xz yy yz zz."""
     moment = float(np.mean(np.abs(inertia_kg_m2[[0, 3, 5]])))
     radius = float(np.sqrt(moment / max(abs(mass_kg), 1e-300)))
     size = np.repeat([abs(mass_kg), radius, moment], [1, 3, 6])
@@ -62,7 +62,7 @@ def _word(sigma: float, prior_sigma: float, size: float) -> str:
 
 
 def in_words(words: Words) -> str:
-    """Return the words in short: which are which, by name."""
+    """Return a short text that lists the names of the parameters by their word."""
     groups: dict[str, list[str]] = {}
     every = [words["mass_kg"], *words["com_m"], *words["inertia_kg_m2"]]
     for name, word in zip(NAMES, every, strict=True):

@@ -26,7 +26,7 @@ class Estimator(Protocol):
         ...
 
     def work(self) -> None:
-        """Do what is due before the next block, if anything is."""
+        """Do the work that is due before the next block, if there is any."""
         ...
 
     def finish(self) -> Estimate:
@@ -49,7 +49,7 @@ class Eventful(Protocol):
 
 @runtime_checkable
 class Gating(Protocol):
-    """Signal conditioning that leaves single implausible samples out, and counts them."""
+    """Signal conditioning that discards single implausible samples, and counts them."""
 
     outliers: int
 
@@ -66,7 +66,7 @@ class Screening(Protocol):
     """An estimator that leaves channels of a block out."""
 
     def screened(self, block: Block) -> Block:
-        """Return the newest block with the marks that screening has set."""
+        """Return the newest block without the channels that screening has left out."""
         ...
 
 
@@ -75,7 +75,7 @@ class Finder(Protocol):
     """Conditioning or an estimator that finds sensors at fault."""
 
     def findings(self) -> list[Finding]:
-        """Return and forget what was found wrong."""
+        """Return and discard the findings since the last call."""
         ...
 
 
@@ -90,7 +90,7 @@ class Pipeline:
 def default_pipeline(config: Config, urdf_text: str | None = None) -> Pipeline:
     """Return the configured conditioning and online estimator.
 
-    `urdf_text` stands for the robot's file where given. Raises ConfigError.
+    `urdf_text`, if given, replaces the robot's file. Raises ConfigError.
     """
     from fsw.estimators.conditioning import build_conditioner
     from fsw.estimators.model.robot import RobotModel

@@ -1,9 +1,9 @@
-"""Local polynomials: one window of samples to values and derivatives at Gauss-Legendre nodes.
+"""Local polynomials: conversion of a window's samples to values and derivatives at Gauss nodes.
 
-A least-squares polynomial of degree m-1 evaluated at the m Gauss-Legendre nodes of its window gives
-m uncorrelated values that hold all of its information (the discrete analogue of Gauss quadrature),
-and its truncation error of order m vanishes at just those nodes. So a window becomes m independent
-samples, and nothing is counted twice.
+A least-squares polynomial of degree m-1, evaluated at the m Gauss-Legendre nodes of its window,
+gives m uncorrelated values that hold all of its information (the discrete analogue of Gauss
+quadrature). Its truncation error of order m vanishes at just those nodes. So a window becomes m
+independent samples, and nothing is counted twice.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from numpy.polynomial import legendre
 from fsw.messages import FloatArray
 
 CACHED = 16  # patterns of instants whose operators are kept
-EXTRA_DEGREE = 3  # of a position over a torque: its second derivative must still be good
-RANK = 1e-9  # of the largest eigenvalue: what is less is rounding
+EXTRA_DEGREE = 3  # of a position's polynomial over a torque's: its second derivative is used
+RANK = 1e-9  # of the largest eigenvalue; smaller eigenvalues are rounding
 
 
 @lru_cache(maxsize=16)
@@ -32,7 +32,7 @@ def gauss_nodes(count: int) -> FloatArray:
 def _node_bases(count: int, degree: int) -> FloatArray:
     """Return (4, count, degree + 1): Legendre basis, two derivatives, integral from -1, at nodes.
 
-    The integral stands last, so that it is at -1.
+    The integral is last, so that the index -1 selects it.
     """
     nodes = gauss_nodes(count)
     bases = np.empty((4, count, degree + 1))
@@ -48,9 +48,9 @@ def _node_bases(count: int, degree: int) -> FloatArray:
 class NodeFit:
     """Least-squares polynomial in one window, ready to be evaluated at the window's nodes.
 
-    Values that depend on the instants alone are computed once for every channel sampled at them.
-    Windows with as many samples each are fitted by one call as a stack, window by window to the
-    same values: then every array has the windows in front.
+    Values that depend on the instants alone are computed once for all channels sampled then.
+    Windows with equal numbers of samples can be fitted as a stack, with the same results as one by
+    one; every array then has the windows as its first axis.
 
     Parameters
     ----------
@@ -58,11 +58,11 @@ class NodeFit:
     half_width_s : half the window [s]
     degree : of the polynomial, k > degree
     nodes : number of Gauss-Legendre nodes
-    within : polynomial of a higher degree at the same instants; its factors contain this one's
+    within : fit of a higher degree at the same instants; its factors contain those of this fit
 
     Raises
     ------
-    numpy.linalg.LinAlgError where instants are too alike for the degree.
+    numpy.linalg.LinAlgError if the instants are too close together for the degree.
     """
 
     def __init__(
@@ -86,7 +86,7 @@ class NodeFit:
         self._solve = self._R_inverse @ self._Q.swapaxes(-1, -2)
         self._stacked: dict[tuple[int, ...], FloatArray] = {}
         self._unit: dict[tuple[int, ...], FloatArray] = {}  # covariances of noise with sigma one
-        self._spectra: dict[tuple[int, ...], tuple[FloatArray, FloatArray]] = {}  # of these
+        self._spectra: dict[tuple[int, ...], tuple[FloatArray, FloatArray]] = {}  # of `_unit`
 
     def coefficients(self, values: FloatArray) -> FloatArray:
         """Return Legendre coefficients (degree + 1, width) of samples (k, width)."""
@@ -98,9 +98,9 @@ class NodeFit:
         return values - self._basis @ coefficients
 
     def operator(self, order: int) -> FloatArray:
-        """Return (nodes, degree + 1): coefficients to the `order`-th derivative at the nodes.
+        """Return (nodes, degree + 1): map of coefficients to `order`-th derivatives at the nodes.
 
-        Order -1 is the integral from the window's start. It is the same of every window.
+        Order -1 is the integral from the window's start. The map is the same for every window.
         """
         scaled: FloatArray = self._bases[order] / self._half_width_s**order
         return scaled
@@ -112,11 +112,11 @@ class NodeFit:
         return self._stacked[orders]
 
     def covariance(self, orders: tuple[int, ...], sigma: float) -> FloatArray:
-        """Return the covariance of the stacked derivatives at the nodes, for white samples."""
+        """Return the covariance of the stacked derivatives at the nodes, for white noise."""
         return sigma**2 * self.unit_covariance(orders)
 
     def unit_covariance(self, orders: tuple[int, ...]) -> FloatArray:
-        """Return the same for samples with a sigma of one."""
+        """Return `covariance` for samples with a sigma of one."""
         if orders not in self._unit:
             E = self.operators(orders) @ self._R_inverse
             self._unit[orders] = E @ E.swapaxes(-1, -2)
@@ -136,14 +136,14 @@ class WindowFit:
     Attributes
     ----------
     fit : of the stack, or of this window alone
-    at : of the window in it
+    at : index of the window in the stack
     """
 
     def __init__(self, fit: NodeFit, at: int | tuple[()] = ()) -> None:
         self.fit, self.at = fit, at
 
     def covariance(self, orders: tuple[int, ...], sigma: float) -> FloatArray:
-        """Return the covariance of the stacked derivatives at the nodes, for white samples."""
+        """Return the covariance of the stacked derivatives at the nodes, for white noise."""
         covariance: FloatArray = sigma**2 * self.fit.unit_covariance(orders)[self.at]
         return covariance
 
@@ -162,11 +162,11 @@ class WindowFit:
 def node_fit(
     offsets_ns: bytes, windows: int, half_width_s: float, degree: int, nodes: int
 ) -> NodeFit:
-    """Return the polynomials of instants given as int64 nanoseconds from the window's centre.
+    """Return the fit at instants that are given as int64 nanoseconds from the window's centre.
 
-    Those of several `windows`, as many each, stand one behind the other. On an exact grid the
-    instants of every window are the same but for missing samples; on a jittering one every window
-    has its own, computed once for all channels.
+    The instants of several `windows`, equally many each, follow one another. On an exact grid all
+    windows have the same instants except for missing samples; on a jittering grid every window has
+    its own, and the fit is computed once for all channels.
     """
     return NodeFit(_seconds(offsets_ns, windows), half_width_s, degree, nodes)
 
@@ -175,7 +175,7 @@ def node_fit(
 def lower_fit(
     offsets_ns: bytes, windows: int, half_width_s: float, degree: int, nodes: int, higher: int
 ) -> NodeFit:
-    """Return the same, as part of the polynomials of a `higher` degree."""
+    """Return `node_fit` of a lower degree, as part of the fit of a `higher` degree."""
     within = node_fit(offsets_ns, windows, half_width_s, higher, nodes)
     return NodeFit(_seconds(offsets_ns, windows), half_width_s, degree, nodes, within)
 

@@ -1,10 +1,10 @@
-"""Coulomb friction of a joint in one window: its shape, and where that is not known.
+"""Coulomb friction of a joint in one window: its shape, and how uncertain the shape is.
 
 The torque of a block is the polynomial of its window, and friction at a reversal is no polynomial.
-So its shape tanh(qd / v) goes through the same fit: qd between the nodes is their polynomial, and
-the window's least-squares polynomial of the shape is read at the nodes. How friction turns over, or
-holds a joint at rest, is not known below some v; the same fit of 1 - tanh^2 says how much of a
-window that concerns.
+So its shape tanh(qd / v) goes through the same fit: the nodes' polynomial gives qd between the
+nodes, and the window's least-squares polynomial of the shape is evaluated at the nodes. Below some
+v it is not known how friction reverses, or holds a joint at rest; the same fit of 1 - tanh^2 shows
+how much of a window is concerned.
 """
 
 from functools import lru_cache
@@ -15,13 +15,13 @@ from numpy.polynomial import legendre
 from fsw.estimators.polynomial import gauss_nodes
 from fsw.messages import FloatArray
 
-DULLEST = 2.0  # times the configured rate: below, friction may be anything
+DULLEST = 2.0  # times the configured rate: below, friction may have any value
 INSTANTS = 64  # in a window, at which the shape is evaluated
 
 
 @lru_cache(maxsize=4)
 def _operators(m: int) -> tuple[FloatArray, FloatArray]:
-    """Return E (INSTANTS, m), nodes to instants, and P (m, INSTANTS), the fit of these at nodes."""
+    """Return E (INSTANTS, m) from nodes to instants, and P (m, INSTANTS), the fit back to nodes."""
     instants = (2.0 * np.arange(INSTANTS) + 1.0) / INSTANTS - 1.0
     at_nodes = legendre.legvander(gauss_nodes(m), m - 1)
     within = legendre.legvander(instants, m - 1)
@@ -31,7 +31,7 @@ def _operators(m: int) -> tuple[FloatArray, FloatArray]:
 
 
 def shape(qd_rad_s: FloatArray, speed_rad_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return tanh(qd / v) as the fit has it at the nodes, and its slope by the same node's rate.
+    """Return tanh(qd / v) after the fit, at the nodes, and its slope by the same node's rate.
 
     Parameters
     ----------
@@ -46,10 +46,10 @@ def shape(qd_rad_s: FloatArray, speed_rad_s: FloatArray) -> tuple[FloatArray, Fl
 
 
 def doubt(qd_rad_s: FloatArray, speed_rad_s: FloatArray) -> FloatArray:
-    """Return by which shares of its friction a joint's torque may be off, (2, m, n) at the nodes.
+    """Return possible errors of the torque at the nodes (2, m, n), as shares of its friction.
 
-    Two ways: alike on both sides of the reversal (it is early or late, or the joint sticks), and
-    opposite (it is sharper or duller).
+    The first is equal on both sides of the reversal (it is early or late, or the joint sticks), the
+    second is opposite (the reversal is sharper or more gradual).
     """
     E, P = _operators(qd_rad_s.shape[-2])
     odd = np.tanh((E @ qd_rad_s) / (DULLEST * speed_rad_s))

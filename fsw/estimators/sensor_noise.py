@@ -1,15 +1,15 @@
 """Noise of sensors that is not white: found from the samples, counted in the covariance.
 
-A window's polynomial holds the motion; what it leaves is noise, and the mean products of what is
-left, some samples apart, show whether neighbouring samples are alike. The noise of a channel is
-taken as a white part and one that fades exponentially, an autoregression of first order (Box,
-Jenkins, Time Series Analysis, 1976, sec. 3.2). One sensor alone shows badly how fast it fades, and
-the error is lopsided: too slow weighs more than too fast. So torque sensors whose own samples do
-not contradict it share one fading, and keep their sizes. Its covariance at the nodes includes that
-with the nodes of neighbouring windows, so that a quantity which changes slowly gets the information
-that all windows together hold (the long-run variance). White noise is left as declared, to the bit.
+A window's polynomial holds the motion; its residuals are noise. Their mean products, some samples
+apart, show whether neighbouring samples are correlated. The noise of a channel is modelled as a
+white part and one that fades exponentially, an autoregression of first order (Box, Jenkins, Time
+Series Analysis, 1976, sec. 3.2). One sensor alone shows its fading badly, and a fading that is
+found too slow does more harm than one too fast. So torque sensors share one fading, unless their
+own samples contradict it, and keep their sizes. The covariance at the nodes includes that with the
+nodes of neighbouring windows, so that a slowly changing quantity gets the information that all
+windows together hold (the long-run variance). White noise keeps exactly the declared covariance.
 
-Channels are the torque sensors, then gyro and accelerometer, whose three axes are taken as alike.
+Channels are the torque sensors, then gyro and accelerometer, whose three axes count as alike.
 """
 
 from collections.abc import Sequence
@@ -47,8 +47,8 @@ class ChannelNoise:
     sigma : 1 sigma of a sample, found
     white_ratio : share of the variance that is white
     correlation_s : time in which the other part fades by e; 0: the noise is white
-    samples : number of samples that say so
-    effective_samples : white samples of that sigma from which a constant would be known as well
+    samples : number of samples that were used
+    effective_samples : number of white samples of this sigma that determine a constant as well
     """
 
     declared: float
@@ -65,15 +65,15 @@ class ChannelNoise:
 
 
 class SensorNoise:
-    """The noise of n torque sensors, gyro and accelerometer, as far as the blocks so far show.
+    """The noise of n torque sensors, gyro and accelerometer, learnt from the blocks so far.
 
     Parameters
     ----------
     declared : (n + 2,) 1 sigma of a sample
-    samples : (n + 2,) of a window
+    samples : (n + 2,) number in a window
     window_s : length of a window
-    nodes : of a block
-    model_nm2 : (n, m, m) what the blocks count already of what the model leaves out; None: nothing
+    nodes : number in a block
+    model_nm2 : (n, m, m) covariance that blocks include for torques outside the model; None: zero
 
     Attributes
     ----------
@@ -94,15 +94,15 @@ class SensorNoise:
         if model_nm2 is not None:
             self._counted[: len(model_nm2), :nodes, :nodes] = model_nm2
         self._sums = np.zeros((len(LAGS), len(declared)))
-        self._windows = np.zeros(len(declared), np.int64)  # of the inertial unit one for each axis
+        self._windows = np.zeros(len(declared), np.int64)  # the inertial unit counts every axis
         # (n + 2, 2 m, 2 m) added to the declared covariance; see `Shapes`
         self._excess: FloatArray | None = None
         for count in {k for k in samples.tolist() if k > nodes + EXTRA_DEGREE}:
-            shapes_of(count, nodes)  # takes a tenth of a second: not while the loop runs
+            shapes_of(count, nodes)  # cached: takes a tenth of a second, too long for the loop
         self.channels = self._judged(self._found())
 
     def note(self, block: Block) -> None:
-        """Add the products of a block's noise."""
+        """Add a block's mean products to the sums."""
         n = len(block.has_joint)
         usable = np.array([*block.has_joint, block.has_gyro, block.has_accelerometer])
         axes = np.repeat([1, 3], [n, 2])
@@ -136,7 +136,7 @@ class SensorNoise:
         return True
 
     def applied(self, block: Block) -> Block:
-        """Return a block whose channels have the covariance that was found."""
+        """Return the block with the noise that was found added to its covariances."""
         if self._excess is None:
             return block
         n, m = len(block.has_joint), self._nodes
@@ -151,7 +151,7 @@ class SensorNoise:
         )
 
     def report(self, names: Sequence[str]) -> dict[str, list[dict[str, Any]]]:
-        """Return plain values of every channel: `torque_noise` by the joints, `inertial_noise`."""
+        """Return plain values of every channel's noise: `torque_noise` and `inertial_noise`."""
         found = [
             {"channel": name, "unit": unit} | asdict(noise)
             for name, unit, noise in self._named(names)
@@ -164,7 +164,7 @@ class SensorNoise:
         return {"torque_noise": torque, "inertial_noise": found[len(names) :]}
 
     def words(self, names: Sequence[str]) -> str:
-        """Return which channels are correlated in time, and how."""
+        """Return a text with sigma and correlation time of channels whose noise is not white."""
         return ", ".join(
             f"{name} {noise.sigma:.3g} {unit}, {1e3 * noise.correlation_s:.3g} ms"
             for name, unit, noise in self._named(names)
@@ -232,9 +232,9 @@ class SensorNoise:
     def _excess_of(self, j: int, found: Found | None) -> FloatArray:
         """Return the excess of the found over the declared covariance at the nodes (2 m, 2 m).
 
-        Noise smaller than declared keeps the declared size: a sensor at rest may show less of it.
-        Torque that the model leaves out is in the samples too and is not counted twice: of what is
-        found and what is declared of it, the larger counts.
+        Noise smaller than declared keeps the declared size, because a sensor at rest may show less.
+        The samples also hold the torque that the model leaves out, and this must not count twice:
+        the larger of the found excess and the configured covariance counts.
         """
         if found is None:
             return np.zeros_like(self._counted[j])

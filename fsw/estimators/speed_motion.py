@@ -1,9 +1,9 @@
 """Angles of joints whose encoders give speed only: the integral of speed over the windows.
 
-Within a window the angle is the integral of the polynomial through its speeds; from window to
-window the integrals add up, and so does their noise: the angle walks. How far it may have walked
-is given as a variance; the estimator places its states of the walk by it. A window
-without speeds is bridged; where the bridge is too uncertain, the angle is lost.
+Within a window the angle is the integral of the polynomial fitted to the speeds. The integrals add
+up from window to window, and so does their noise: the angle has a random walk, whose variance each
+block holds for the estimator (see `model/walks.py`). A gap without speeds is bridged. If the bridge
+is too uncertain, the angle is lost.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,13 +17,13 @@ from fsw.config import JointConfig
 from fsw.estimators.polynomial import WindowFit
 from fsw.messages import Block, FloatArray
 
-SHORT_WINDOWS = 2.0  # a longer gap is bridged by the speed limit alone
-LOST_RAD = 0.5  # 1 sigma of what a gap may hide, beyond which nothing can be predicted
+SHORT_WINDOWS = 2.0  # windows; in a longer gap the speed limit alone gives the error of the bridge
+LOST_RAD = 0.5  # 1 sigma of the bridge of a gap above which the angles are lost
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _End:
-    """Where the integrals stand at the end of a window; arrays over the joints of `own`."""
+    """Values of the integrals at the end of a window; arrays over the joints of `own`."""
 
     t_ns: int
     q_rad: FloatArray
@@ -33,18 +33,18 @@ class _End:
 
 
 class SpeedMotion:
-    """Integrates from window to window; nothing to do where every encoder gives positions.
+    """Integrates speeds from window to window; does nothing if every encoder gives positions.
 
     Attributes
     ----------
-    own : places of the joints whose encoders give speed, in the model's order
-    lost : whether a gap was so long that the angles are not known any more
+    own : indices, in the model's order, of the joints whose encoders give speed
+    lost : whether a gap was so long that the angles are unknown
     """
 
     def __init__(
         self, joints: Sequence[JointConfig], nodes: int, rates_hz: Mapping[str, float]
     ) -> None:
-        """`rates_hz` are those of the buses by name."""
+        """`rates_hz`: rates of the buses by name."""
         self.own = [k for k, joint in enumerate(joints) if joint.speed_only]
         self.lost = False
         self._start_rad = np.array([joints[k].start_rad for k in self.own], float)
@@ -56,7 +56,7 @@ class SpeedMotion:
         self._end: _End | None = None
 
     def take_over(self, other: Self) -> None:
-        """Continue from the integrals of the same joints."""
+        """Continue from the integrals of another object of the same joints."""
         self._end, self.lost = other._end, other.lost
 
     def resume(self, block: Block, window_s: float) -> None:
@@ -74,17 +74,17 @@ class SpeedMotion:
     def added(
         self, motion: FloatArray, fits: Sequence[WindowFit], start_ns: int, stop_ns: int
     ) -> FloatArray:
-        """Add the angles at the window's start to the angles; return the walk up to there.
+        """Add the angles at the window's start to `motion`; return the variance of the walk there.
 
         Parameters
         ----------
-        motion : (3, m, n) positions, of `own` from the window's start, rates, accelerations;
+        motion : (3, m, n) positions (of `own` from the window's start), rates, accelerations;
             changed in place
         fits : of each joint's samples
 
         Returns
         -------
-        (n,) variance, zero for the joints with positions; empty without `own`
+        (n,) variance [rad^2], zero for the joints with positions; empty without `own`
         """
         if not self.own:
             return np.zeros(0)
@@ -110,10 +110,10 @@ class SpeedMotion:
     def _at_start(
         self, start_ns: int, window_s: float, rate: FloatArray, acceleration: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return angles and walk at a window's start, a gap before it bridged.
+        """Return angles and walk variances of `own` at a window's start, across a gap before it.
 
-        A short one by the mean of the speeds at its ends, off by no more than half of what speed
-        and accelerations make; a longer one by the same, off by what the speed limit allows.
+        The bridge is the mean speed at the gap's ends. Its error follows from the difference of
+        these speeds and the accelerations; in a long gap, from the speed limit.
         """
         end = self._end
         if end is None:

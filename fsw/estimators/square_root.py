@@ -1,7 +1,7 @@
 """The square-root information filter: a triangular factor and its right-hand side.
 
-Holds R x = z, the triangular form of all information so far; new rows A x = c are folded in by one
-orthogonal factorisation, so the information is positive semidefinite by construction.
+The filter holds R x = z, the triangular form of all information so far. New rows A x = c are folded
+in by one orthogonal factorisation, so the information is positive semidefinite by construction.
 Source: Bierman, Factorization Methods for Discrete Sequential Estimation (1977), ch. V.
 """
 
@@ -84,7 +84,7 @@ class SquareRootInformation:
         unit = np.eye(len(innovation))
         try:
             L = np.linalg.cholesky(unit + AS @ AS.T)
-        except np.linalg.LinAlgError:  # a prior so wide that the unit is lost beside its square
+        except np.linalg.LinAlgError:  # AS is so large that rounding loses the unit
             L = np.linalg.qr(np.concatenate([unit, AS.T])).R.T
         white: FloatArray = dtrtrs(L, innovation, lower=1)[0]
         return white

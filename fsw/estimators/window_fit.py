@@ -1,8 +1,8 @@
-"""Polynomials through the channels of windows that share their instants, without outliers.
+"""Polynomial fits of the channels of windows, without outliers.
 
-Channels sampled at the same instants are fitted in one matrix product, and so are the windows that
-have as many samples; a channel with outliers is fitted again without them. Outliers are judged by
-their distance from the window's own polynomial. A window's fit does not depend on the others.
+Channels sampled at the same instants are fitted in one matrix product, and so are windows with
+equal numbers of samples. A channel with outliers is fitted again without them. Outliers are judged
+by their distance from the window's own polynomial. A window's fit does not depend on the others.
 """
 
 from collections.abc import Sequence
@@ -17,19 +17,19 @@ from fsw.estimators.polynomial import NodeFit, WindowFit, lower_fit, node_fit
 from fsw.messages import FloatArray
 
 GATE_SIGMAS = 6.0  # one false alarm in 5e8 white samples
-MAX_PASSES = 12  # of removing outliers and fitting again; a window that needs more is junk
+MAX_PASSES = 12  # of removing outliers and fitting again; a window that needs more is not used
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ChannelFit:
-    """A channel at the nodes without its outliers; fit None: no polynomial can be had."""
+    """A channel at the nodes without its outliers; `fit` is None if no polynomial is possible."""
 
     fit: WindowFit | None
     values: FloatArray  # (derivatives times nodes, width)
     removed: int
 
     def covariance(self, orders: tuple[int, ...], sigma: float, rows: int) -> FloatArray:
-        """Return the covariance of one axis; the unit (rows, rows) stands for a missing one."""
+        """Return the covariance (rows, rows) of one axis; the identity if there is no fit."""
         return np.eye(rows) if self.fit is None else self.fit.covariance(orders, sigma)
 
 
@@ -38,9 +38,9 @@ NO_FIT = ChannelFit(None, np.empty(0), 0)
 
 @dataclass(frozen=True, slots=True)
 class Instants:
-    """The instants at which some channels of windows were sampled; as many in each window.
+    """Instants at which channels of one or more windows were sampled, equally many per window.
 
-    `degree` is the highest that is fitted: the others share its factorisation.
+    `degree` is the highest that is fitted; fits of lower degrees share its factorisation.
     """
 
     offsets_ns: bytes  # int64, from the window's centre, window by window
@@ -50,14 +50,14 @@ class Instants:
     windows: int = 1
 
     def fit(self, degree: int) -> NodeFit:
-        """Return the polynomials through all of them."""
+        """Return the polynomial fit of a degree at all instants."""
         own = self.offsets_ns, self.windows, self.half_s
         if degree == self.degree:
             return node_fit(*own, degree, self.nodes)
         return lower_fit(*own, degree, self.nodes, self.degree)
 
     def kept(self, keep: NDArray[np.bool_], degree: int) -> Self:
-        """Return those to keep of one window, as if there were no others."""
+        """Return the instants of one window where `keep` is True, as if there were no others."""
         offsets_ns = np.frombuffer(self.offsets_ns, np.int64)[keep].tobytes()
         high = self.degree if keep.sum() > self.degree + 1 else degree
         return type(self)(offsets_ns, self.half_s, self.nodes, high)
@@ -65,15 +65,15 @@ class Instants:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Wanted:
-    """Channels of one window to be fitted alike.
+    """Channels of one window that are fitted alike.
 
     Attributes
     ----------
     values : (k, channels times width) samples; rows that are not finite are not used
-    sigmas : (channels,) by which outliers are judged: noise of a sample
+    sigmas : (channels,) noise of a sample, by which outliers are judged
     orders : of the derivatives wanted at the nodes
     min_fill : share of the samples that must be finite
-    samples : periods in a window, where the products of what the highest polynomial leaves are
+    samples : periods in a window, if mean products of the highest polynomial's residuals are
         wanted; 0: they are not
     """
 
@@ -88,7 +88,7 @@ class Wanted:
 
     @property
     def kind(self) -> tuple[object, ...]:
-        """What those have in common that are fitted at once."""
+        """Return a key that is equal for all that can be fitted at once."""
         at = self.instants
         own = len(at.offsets_ns), at.half_s, at.nodes, at.degree, self.values.shape[1]
         return *own, self.degree, self.orders, self.width, self.samples
@@ -100,9 +100,9 @@ class Fitted:
 
     Attributes
     ----------
-    samples : of each channel in the window
-    products : (L, columns) mean products of what the highest polynomial leaves; zero where a sample
-        is not finite, or two lie in the same of the window's periods, and where none are wanted
+    samples : number of samples of each channel in the window
+    products : (L, columns) mean products of the highest polynomial's residuals; zero where a sample
+        is not finite, or two lie in one period of the window, and where none are wanted
     """
 
     channels: Sequence[ChannelFit]
@@ -111,7 +111,7 @@ class Fitted:
 
 
 def fit_windows(wanted: Sequence[Wanted]) -> list[Fitted]:
-    """Fit channels of any windows, all of a kind in one product; those with an outlier again."""
+    """Return the fits of any windows, in order; channels of one kind share one matrix product."""
     alike: dict[tuple[object, ...], list[int]] = {}
     for place, own in enumerate(wanted):
         alike.setdefault(own.kind, []).append(place)
@@ -124,7 +124,7 @@ def fit_windows(wanted: Sequence[Wanted]) -> list[Fitted]:
 
 
 def _fit_alike(group: Sequence[Wanted]) -> list[Fitted]:
-    """Fit those of a kind; where instants are too alike for a polynomial, theirs alone fail."""
+    """Return the fits of one kind; windows whose instants are too close together have no fit."""
     first, instants = group[0], _stacked([own.instants for own in group])
     orders, width = first.orders, first.width
     try:
@@ -157,7 +157,7 @@ def _fit_alike(group: Sequence[Wanted]) -> list[Fitted]:
 
 
 def _stacked(windows: Sequence[Instants]) -> Instants:
-    """Return the instants of some windows; those of one where all are the same."""
+    """Return the instants of all windows, or those of one if they are equal in all."""
     first, parts = windows[0], [own.offsets_ns for own in windows]
     if parts.count(parts[0]) == len(parts):
         return first
@@ -212,11 +212,11 @@ def _robust(own: Wanted, channel: int) -> ChannelFit:
 
 
 def _inliers(residuals: FloatArray, sigma: float) -> np.ndarray:
-    """Return (k,) which samples lie within the gate on every axis.
+    """Return (k,) whether samples lie within the gate on every axis.
 
     The scale is the larger of the declared noise and the window's own median deviation, so that a
-    noisier sensor than declared degrades instead of losing every sample. The worst go first: an
-    outlier bends the fit, and good samples near it must not be left out with it.
+    noisier sensor than declared degrades instead of losing every sample. The worst outliers are
+    removed first: they bend the fit, and good samples near them must not be removed too.
     """
     size = np.abs(residuals)
     middle = len(size) // 2

@@ -25,7 +25,7 @@ _STATE = (
     *("_after", "_span_ns", "_q_rad"),
 )
 _SUMS = ("F", "C", "T", "expected")
-FLAT_PRIOR = 1e2  # factor on the bodies' prior sigma: the regression has hardly a prior
+FLAT_PRIOR = 1e2  # factor on the bodies' prior sigma, which makes the prior almost flat
 
 
 class BiasCompensatedEstimator:
@@ -38,7 +38,7 @@ class BiasCompensatedEstimator:
         self.reset()
 
     def reset(self) -> None:
-        """Forget all blocks; return to the prior."""
+        """Discard all blocks; return to the prior."""
         problem = self._problem
         p, k = len(problem.prior_mean), problem.bodies
         scale = np.ones(p)
@@ -57,7 +57,7 @@ class BiasCompensatedEstimator:
         self._q_rad: FloatArray | None = None
 
     def adopt(self, _result: Mapping[str, Any]) -> None:
-        """Refuse: the compensated regression has no prior to put a result into.
+        """Raise an error: the compensated regression has no prior that could hold a batch result.
 
         Raises
         ------
@@ -101,12 +101,12 @@ class BiasCompensatedEstimator:
         return self.estimate(self._span_ns[1] if self._span_ns else 0)
 
     def events(self) -> list[tuple[str, str, str]]:
-        """Return what has happened since the last call: severity, code, text."""
+        """Return severity, code and text of what has happened since the last call."""
         events, self._events = self._events, []
         return events
 
     def report(self) -> dict[str, Any]:
-        """Diagnose the current estimate on demand; plain values."""
+        """Return a diagnosis of the current estimate as plain values."""
         estimate = self.finish()
         span = self._span_ns or (0, 0)
         diagnosis = diagnose(
@@ -122,7 +122,7 @@ class BiasCompensatedEstimator:
         return words | plain(diagnosis, self._problem.names)
 
     def estimate(self, t_ns: int) -> Estimate:
-        """Return the published view; its sigma contains what may be left of the bias."""
+        """Return the published estimate; its sigma includes the bias that may remain."""
         try:
             return self._outcome(t_ns)
         except NUMERICAL as error:
@@ -166,7 +166,7 @@ class BiasCompensatedEstimator:
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             try:
                 sums = block_sums(block, self._x, self._problem)
-            except ValueError:  # LinAlgError, or scipy's check of what it is given
+            except ValueError:  # LinAlgError, or scipy's check of its input
                 return None
         finite = np.all(np.isfinite(sums.F)) and np.all(np.isfinite(sums.T))
         return sums if finite else None

@@ -18,35 +18,35 @@ from scipy.special import chdtri
 from fsw.estimators.recursive.snapshot import Values, kept, put
 from fsw.messages import FloatArray
 
-EXCESS_LIMIT = 6.0  # most standard deviations of NIS that one block counts
-DRIFT = 1.0  # standard deviations taken off per block
+EXCESS_LIMIT = 6.0  # limit on one block's excess of NIS, in standard deviations
+DRIFT = 1.0  # standard deviations subtracted per block
 THRESHOLD = 12.0  # 1e-10 alarms per block for Gaussian excess (exp(-2 DRIFT THRESHOLD))
 _STATE = ("nis", "nis_dof", "level", "_sum", "_previous", "_lag", "_pairs")
 SLOW_BLOCKS = 16  # 6.4 s at the default window: slower than any sensor, faster than a motion
 SLOW_PROBABILITY = 1e-6
 MISMATCH_LEVEL = 9.0  # noise variance over the declared one that no sensor's noise explains
 COLOURED_SIGMAS = 4.9  # of white residuals' lag-1 correlation: once in a million sets
-COLOURED = 0.03  # least correlation between blocks that says more than the conditioner's rounding
+COLOURED = 0.03  # least correlation between blocks that the conditioner's rounding does not explain
 LEVEL_SIGMAS = 5.0  # how far above one a noise level must stand out to be believed
 
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """Statistics of the innovation of one block."""
+    """Whether the innovation of one block is accepted, and whether a change is detected."""
 
     accepted: bool
     changed: bool
 
 
 def slow_power(residuals: Sequence[FloatArray], level: float) -> tuple[float, float]:
-    """Return the residuals' power in the slow, over that of white noise, and its limit.
+    """Return the residuals' slow power over that of white noise, and its limit.
 
-    Whitened residuals of successive blocks are summed by SLOW_BLOCKS, over their number's root:
-    unit variance if white, and what drifts slower than that stands out by up to their number. What
-    no parameter of rigid bodies explains and noise does not make, as liquid that sloshes, shows
-    here long before it shows in the level. The limit is exceeded once in a million sets of white
-    residuals at most: fitting only takes slow power away. Source: batch means, Box, Jenkins, Time
-    Series Analysis (1976), 2.1.
+    Whitened residuals of SLOW_BLOCKS successive blocks are summed and divided by the root of their
+    number. If they are white, the sum has unit variance; a slower drift has up to SLOW_BLOCKS times
+    as much. Effects that no parameter of rigid bodies explains and that are not noise, as sloshing
+    liquid, show here long before they show in the level. White residuals exceed the limit in one of
+    a million sets at most, because fitting only removes slow power. Source: batch means, Box,
+    Jenkins, Time Series Analysis (1976), 2.1.
 
     Parameters
     ----------
@@ -69,8 +69,8 @@ def slow_power(residuals: Sequence[FloatArray], level: float) -> tuple[float, fl
 def colour(residuals: Sequence[FloatArray]) -> tuple[float, float]:
     """Return the lag-1 correlation of the residuals of successive blocks, and its limit.
 
-    Each block's residuals of a right model are white; those of a wrong one are alike from block to
-    block, as the motion is. Fitting makes the correlation of right ones slightly negative.
+    Residuals of a correct model are white. Those of a wrong model are alike from block to block, as
+    the motion is. Fitting makes the correlation of a correct model slightly negative.
 
     Parameters
     ----------
@@ -112,15 +112,14 @@ class InnovationMonitor:
         put(self, _STATE, values)
 
     def restart(self) -> None:
-        """Forget a run of excesses; noise level and whiteness are the sensors' and stay."""
+        """Discard the sum of excesses; keep noise level and whiteness, which are the sensors'."""
         self._sum = 0.0
         self._previous = None
 
     def judge(self, white: FloatArray, *, armed: bool) -> Judgement:
-        """Accept the innovation of the next block, whitened to unit covariance if all is well.
+        """Judge the next block's innovation, whitened to unit covariance under a correct model.
 
-        While the estimate has not settled (`armed` is False), every innovation is accepted and
-        none is summed.
+        While `armed` is False (not settled), every innovation is accepted and none is summed.
         """
         dof = len(white)
         self.nis, self.nis_dof = float(white @ white), dof
@@ -140,7 +139,7 @@ class InnovationMonitor:
     def learn_level(self, levels: FloatArray, dof: int, parameters: float) -> None:
         """Set the noise level from the mean squared residuals of the newest blocks.
 
-        The median over blocks, corrected for the parameters fitted; one unless it stands out.
+        The level is their median, corrected for the parameters fitted; one unless it stands out.
         """
         count = len(levels)
         spare = count * dof - parameters

@@ -1,11 +1,11 @@
-"""A new epoch: what some states were is over, and what the data said of the others stays.
+"""A new epoch: some states begin again, and the data's information on the others is kept.
 
-Walks of integrated angles, so that a flight may be of any length: the steps of a walk reach over as
-many windows as are stored. Beyond them, or behind a gap, the epoch ends: what the angle is off by
-now becomes its zero, and new steps begin. Momentum: after a wrench from outside it is another one.
-The data's information is carried over exactly: the states of the old epoch are eliminated by one
-orthogonal factorisation. Source: Bierman, Factorization Methods for Discrete Sequential Estimation
-(1977), ch. VI (elimination of variables that are not wanted any more).
+Random walks of integrated angles: epochs allow a flight of any length, while the steps of a walk
+cover as many windows as are stored. After these steps, or after a gap, the epoch ends: the present
+error of the angle becomes the joint's zero, and new steps begin. Momentum: after a wrench from
+outside it has another value. The data's information is kept exactly: the states of the old epoch
+are eliminated by one orthogonal factorisation. Source: Bierman, Factorization Methods for Discrete
+Sequential Estimation (1977), ch. VI (elimination of variables that are not wanted any more).
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ from fsw.messages import FloatArray, IntArray
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Epoch:
-    """What is known where an epoch begins: the prior of it, and what the data before have said."""
+    """Prior of an epoch, and the information of the data before it, at its beginning."""
 
     mean: FloatArray  # (p,)
     covariance: FloatArray  # (p, p)
@@ -34,7 +34,7 @@ def next_epoch(
     data: SquareRootInformation,
     walk_rad2: FloatArray,
 ) -> Epoch:
-    """Return the epoch that begins where the walks of the old one have come to walk_rad2 (n,).
+    """Return the epoch that begins when the walks of the old one have the variance walk_rad2 (n,).
 
     Parameters
     ----------
@@ -72,10 +72,10 @@ def next_momentum(
     data: SquareRootInformation,
     momentum_Nms: FloatArray,
 ) -> Epoch:
-    """Return the epoch in which the momentum is another one, about momentum_Nms (3,), in N.
+    """Return the epoch in which the momentum has another value, about momentum_Nms (3,), in N.
 
-    Its sigma is the declared one and what it has changed by, together: where it was found from a
-    rate, that rate is used again by the rows, with next to no weight here.
+    The prior's variance is the declared one plus the squared change. The rows use a rate again that
+    the momentum was found from; with this variance its double use has next to no weight.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def _eliminated(
 ) -> SquareRootInformation:
     """Return the data's information without the k `old` states.
 
-    What is known of them beside the data are k rows `given` (k, k + p) on them and on all states of
+    The old prior on these states is given as k rows `given` (k, k + p) on them and on all states of
     the new epoch, with right side rhs (k,).
     """
     p, size = len(data.z), len(old)

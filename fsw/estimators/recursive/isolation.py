@@ -1,9 +1,9 @@
 """Which sensor does not fit the model: every channel's innovation judged on its own.
 
-A sensor's error shows in its own channel only, for the prediction of the others does not use it; a
-change of what is estimated, or of the arm's motion as measured, shows in many. So one channel alone
-that noise and the estimate's covariance do not explain is left out, until it has fitted again for
-some blocks. A block in which several channels newly fail is left to the change detection.
+A sensor's error shows in its own channel only, because no other channel's prediction uses this
+sensor. A change of the bodies, or of the arm's motion as measured, shows in many channels. So a
+single channel that noise and the estimate's covariance do not explain is left out until it has
+fitted again for some blocks. Several channels that fail anew are left to the change detection.
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ from fsw.estimators.measurement.mrnea import Rows
 from fsw.messages import Block, FloatArray
 from fsw.messages.findings import Fault, Finding
 
-GOOD_BLOCKS = 2  # that end an isolation
+GOOD_BLOCKS = 2  # that fit in a row and end an isolation
 
 
 class ChannelScreen:
@@ -25,7 +25,7 @@ class ChannelScreen:
     Parameters
     ----------
     joints : names in the model's order
-    false_alarm : probability of one channel of one block
+    false_alarm : probability that one good channel of one block fails
     """
 
     def __init__(self, joints: Sequence[str], false_alarm: float) -> None:
@@ -35,7 +35,7 @@ class ChannelScreen:
         self._found: list[Finding] = []
 
     def take(self) -> list[Finding]:
-        """Return and forget what was found wrong."""
+        """Return and discard the findings."""
         found, self._found = self._found, []
         return found
 
@@ -86,7 +86,7 @@ class ChannelScreen:
         channels, sizes = np.unique(rows_of, return_counts=True)
         ends, order = np.cumsum(sizes), np.argsort(rows_of, kind="stable")
         ratios: dict[int, float] = {}
-        for dof in np.unique(sizes).tolist():  # channels of as many rows at once
+        for dof in np.unique(sizes).tolist():  # channels with equal numbers of rows together
             alike = np.flatnonzero(sizes == dof)
             own = order[(ends[alike] - dof)[:, None] + np.arange(dof)]
             S, part = V[own] @ V[own].transpose(0, 2, 1), r[own][:, :, None]

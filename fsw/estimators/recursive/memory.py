@@ -1,10 +1,10 @@
 """Memory of the recursion: a prior, retired information, and the newest blocks.
 
-The information of the data is kept apart from the prior's, so that either can be replaced. Rows of
-a stored block are re-linearised by passes, one block at a time; a block that leaves the full store
+The information of the data is kept apart from the prior's, so that either can be replaced. Passes
+re-linearise the rows of the stored blocks, one block at a time. A block that leaves the full store
 stays in the retired information with its newest linearisation, so memory is bounded and nothing is
-counted twice. Forgetting multiplies everything the data said by one factor per step of time, in
-the retired information, the stored rows and a pass under way alike; the prior is never forgotten.
+counted twice. Forgetting multiplies the data's information by one factor per step of time: in the
+retired information, the stored rows and a pass under way alike. The prior is never forgotten.
 """
 
 from collections import deque
@@ -40,8 +40,8 @@ _IMPULSES = ("gained", "_gained_retired", "_gained_in_pass")
 class _Stored:
     """A block with its newest whitened rows, as weight (A x = c), and the momentum after it.
 
-    `at` and `before` are what the rows were made from: after a restart they are made again when
-    they are needed.
+    `at` and `before` are the state and momentum that the rows were made from. After a restart the
+    rows are made again when they are needed.
     """
 
     block: Block
@@ -62,10 +62,10 @@ class Memory:
 
     Attributes
     ----------
-    prior : what is known without data
+    prior : information without data
     data : information of the data alone, singular until there is enough
     information : of both
-    at : (p,) point of the running or last pass, or where one was last found not worth its time
+    at : (p,) point of the running or last pass, or of the last one found not worth its time
     passes : passes completed
     rows : rows folded in since the restart
     failed : blocks that could not be re-linearised in the last pass, with their old rows kept
@@ -80,13 +80,13 @@ class Memory:
     def restart(
         self, prior: SquareRootInformation, data: SquareRootInformation | None = None
     ) -> None:
-        """Drop all blocks; start from `prior`, and from `data` that will be forgotten in time."""
+        """Discard all blocks; start from `prior`, and from `data`, which forgetting applies to."""
         p = len(prior.z)
         start = data or SquareRootInformation(np.zeros((p, p)), np.zeros(p))
         self.prior = prior
         self.data = self._retired = start
         self._store: deque[_Stored] = deque()
-        self._unmade: deque[_Stored] = deque()  # restored, their rows not made again yet
+        self._unmade: deque[_Stored] = deque()  # restored blocks without rows so far
         self._rows_of: SafeRows | None = None
         self._pass: SquareRootInformation | None = None
         self._visited = self._total = self._failures = 0
@@ -106,12 +106,12 @@ class Memory:
         return self._pass is not None
 
     def replace_prior(self, prior: SquareRootInformation) -> None:
-        """Exchange the prior under the same data."""
+        """Replace the prior and keep the data."""
         self.prior = prior
         self._combine()
 
     def age(self, factor: float) -> None:
-        """Multiply the standard weight (square root of the information) of all data by a factor."""
+        """Multiply the square root of all the data's information by a factor."""
         if factor == 1.0:
             return
         self._retired = _scaled(self._retired, factor)
@@ -127,7 +127,7 @@ class Memory:
     ) -> None:
         """Fold in the whitened rows of a block at a state; with `keep`, store the block for passes.
 
-        A block of weight 0 adds no information: it only carries momentum and modes on.
+        A block of weight 0 adds no information: it only propagates momentum and modes.
         """
         c = rows.b + rows.A @ at
         stored = _Stored(block, rows.A, c, at, self.gained, rows.after, weight)
@@ -150,9 +150,9 @@ class Memory:
         self._visited, self._total, self._failures = 0, len(self._store), 0
 
     def advance(self, rows: SafeRows) -> bool:
-        """Re-linearise the next block of the pass; True when that ended it.
+        """Re-linearise the next block of the pass; return True when that ended the pass.
 
-        Blocks added since the pass began are in it already.
+        The pass includes blocks that were added since it began.
         """
         if self._pass is None:
             return False
@@ -180,10 +180,10 @@ class Memory:
         return True
 
     def pull(self, rows: SafeRows, at: FloatArray, samples: int) -> FloatArray | None:
-        """Return by how much a pass at a point would change the normal equations' right side.
+        """Return by how much a pass at a point would change the normal equations' right side (p,).
 
-        Estimated from some stored blocks, evenly spread; None where one of them cannot be
-        re-linearised. Leaves no trace.
+        Some stored blocks, evenly spread, serve for the estimate; None if one of them cannot be
+        re-linearised. No pass is begun.
         """
         total = np.zeros(len(at))
         for index in np.linspace(0, len(self._store) - 1, samples).astype(int).tolist():
@@ -201,7 +201,7 @@ class Memory:
         return tuple(stored.block for stored in self._store)
 
     def snapshot(self) -> dict[str, Any]:
-        """Return everything but the blocks themselves, which it names by their index."""
+        """Return everything but the blocks themselves, which are referred to by their index."""
         store = self._store
         values = kept(self, _COUNTS)
         values |= {name.lstrip("_"): from_information(getattr(self, name)) for name in _INFORMATION}
@@ -252,7 +252,7 @@ class Memory:
         self._combine()
 
     def make_one(self) -> None:
-        """Make the rows of one restored block, the newest first."""
+        """Make the rows of the newest restored block that has none."""
         if self._unmade:
             self._with_rows(self._unmade.popleft())
 
@@ -265,7 +265,7 @@ class Memory:
         return stored
 
     def residual_levels(self, x: FloatArray, newest: int) -> tuple[FloatArray, int]:
-        """Return squared whitened residuals over rows of the newest blocks, and rows per block."""
+        """Return mean squared whitened residuals of the newest blocks, and the last one's rows."""
         recent = [self._with_rows(s) for s in list(self._store)[-newest:] if s.weight]
         levels = [float(np.mean((s.c - s.A @ x) ** 2)) for s in recent if len(s.c)]
         return np.array(levels), len(recent[-1].c) if recent else 0
@@ -275,11 +275,11 @@ class Memory:
         return [s.c - s.A @ x for s in self._store if len(s.c) and s.weight]
 
     def tempered(self, level: float) -> SquareRootInformation:
-        """Return the information if the data's noise variance is `level` times the declared."""
+        """Return the information if the data's noise variance is `level` times the declared one."""
         return self.information if level == 1.0 else _joined(self.prior, self.data, level**-0.5)
 
     def fitted(self) -> float:
-        """Return how many parameters the data have fitted: all, less what the prior holds."""
+        """Return how many parameters the data have fitted: all, less the prior's share."""
         held = self.prior.R @ self.information.covariance_root()
         return float(len(self.prior.z) - np.sum(held**2))
 
@@ -311,9 +311,9 @@ def _joined(
 def data_within(
     prior: SquareRootInformation, mean: FloatArray, covariance: FloatArray
 ) -> SquareRootInformation:
-    """Return the data information that took `prior` to a result with this mean and covariance.
+    """Return the data's information that leads from `prior` to this mean and covariance.
 
-    Where rounding makes the result less certain than the prior, the data said nothing.
+    It is zero in directions in which rounding makes the result less certain than the prior.
     """
     p = len(mean)
     precision = np.linalg.solve(covariance, np.eye(p))

@@ -1,10 +1,10 @@
 """The recursive estimator: blocks in, estimates out, re-linearisation between two blocks.
 
-A new block is folded into the square-root information at once. Because the rows depend on the
-unknowns, one pass linearised at a wrong start is not the batch; so the blocks are kept, and passes
-re-linearise them all at the current estimate. Passes run while they are expected to move the
-estimate; what moves it otherwise is data. How many blocks are re-linearised between two new ones is
-fixed, so nothing depends on when that is done.
+A new block is folded into the square-root information at once. The rows depend on the unknowns, so
+rows that were linearised at a wrong start do not give the batch solution. Therefore blocks are
+stored, and passes re-linearise all of them at the current estimate, while that is expected to move
+the estimate. The number of blocks re-linearised between two new ones is fixed, so that no result
+depends on when the work is done.
 """
 
 from collections.abc import Mapping
@@ -45,13 +45,13 @@ class OnlineEstimator:
         linear: bool,
         false_alarm: float = 1e-9,
     ) -> None:
-        """`false_alarm`: probability of calling one channel of one block inconsistent."""
+        """`false_alarm`: probability that one good channel of one block is called inconsistent."""
         self.problem, self.rows, self.linear = problem, rows, linear
         self._settings, self._false_alarm = settings, false_alarm
         self.reset()
 
     def reset(self) -> None:
-        """Forget all blocks; return to the prior."""
+        """Discard all blocks; return to the prior."""
         screen = ChannelScreen(self.problem.model.joint_names, self._false_alarm)
         self.recursion = Recursion(
             self.problem, self._settings, self.rows, screen, linear=self.linear
@@ -62,8 +62,8 @@ class OnlineEstimator:
     def adopt(self, result: Mapping[str, Any]) -> None:
         """Start again from a batch result: its mean and covariance become the prior.
 
-        Blocks up to the batch's last one are ignored from now on; they are in its result already.
-        With forgetting, what the batch's data said is forgotten like any other data.
+        Blocks up to the batch's last one are ignored from now on, because its result includes them.
+        With forgetting, the information of the batch's data fades like that of any other data.
 
         Raises
         ------
@@ -95,11 +95,11 @@ class OnlineEstimator:
         return names | kept(self, _STATE) | {"recursion": self.recursion.snapshot()}
 
     def restore(self, values: Values, blocks: Mapping[int, Block]) -> None:
-        """Continue from a snapshot as if nothing had happened since.
+        """Continue from a snapshot as if there had been no interruption.
 
         Raises
         ------
-        EstimatorError if it is of another problem or a block is missing; nothing has changed then.
+        EstimatorError if it is of another problem or a block is missing; nothing is changed then.
         """
         check_fit(self.problem, "online", values)
         self.recursion.restore(values["recursion"], blocks)
@@ -109,8 +109,8 @@ class OnlineEstimator:
         """Fold in one block and return the estimate after it.
 
         Work that is due comes first, so that the result does not depend on whether `work` was
-        called. A block not newer than the newest is ignored. Where arithmetic fails the estimate
-        begins again at the prior, and an event says why; the block is part of what is discarded.
+        called. A block not newer than the newest is ignored. If arithmetic fails, the estimate
+        restarts at the prior without this block, and an event says why.
         """
         self.work()
         fresh = block.index > self._after
@@ -128,12 +128,12 @@ class OnlineEstimator:
         return estimate
 
     def screened(self, block: Block) -> Block:
-        """Return a block as it was used: without what did not fit the model."""
+        """Return the newest block without what did not fit the model; any other block unchanged."""
         used = self.recursion.used
         return block if used is None or used.index != block.index else used
 
     def work(self) -> None:
-        """Re-linearise what is due before the next block."""
+        """Do the re-linearisation that is due before the next block."""
         due, self._due = self._due, 0
         try:
             while due > 0 and self.recursion.has_work:
@@ -144,7 +144,7 @@ class OnlineEstimator:
             self._begin_again(error)
 
     def finish(self, max_passes: int = 30) -> Estimate:
-        """Re-linearise everything until it has settled; for the end of a run or a replay."""
+        """Re-linearise all blocks until the estimate settles; for the end of a run or a replay."""
         self.work()
         try:
             self.recursion.settle(max_passes)
@@ -153,15 +153,15 @@ class OnlineEstimator:
         return self.estimate(self._now_ns())
 
     def events(self) -> list[EventWords]:
-        """Return what an operator should know since the last call: severity, code, text."""
+        """Return severity, code and text of the events since the last call, for an operator."""
         return self.recursion.take_events()
 
     def findings(self) -> list[Finding]:
-        """Return and forget which sensors were found not to fit the model."""
+        """Return and discard the sensors that were found not to fit the model."""
         return self.recursion.screen.take()
 
     def report(self) -> dict[str, Any]:
-        """Diagnose the current estimate on demand; plain values.
+        """Return a diagnosis of the current estimate as plain values.
 
         Raises
         ------
@@ -195,7 +195,7 @@ class OnlineEstimator:
         }
 
     def estimate(self, t_ns: int) -> Estimate:
-        """Return the published view of the current state; start over if it is not proper."""
+        """Return the published estimate of the state; restart at the prior if it is improper."""
         try:
             estimate = self._outcome(t_ns)
             if np.isfinite(estimate.mean).all() and np.isfinite(estimate.covariance).all():
@@ -214,7 +214,7 @@ class OnlineEstimator:
         information = recursion.memory.tempered(monitor.level)
         covariance = information.covariance()
         enough = True
-        if self.linear:  # data that fit to the bit, as of rest without noise, scale sigma to zero
+        if self.linear:  # data that fit exactly, as at rest without noise, scale sigma to 0
             enough = (
                 weakest_gain(self.problem, recursion.origin.covariance, covariance) > WEAKEST_GAIN
             )
@@ -255,11 +255,11 @@ class OnlineEstimator:
 
     @property
     def _bent(self) -> bool:
-        """Return whether the likelihood is bent in pi and straight in the mobility."""
+        """Return whether the likelihood is nonlinear in pi and linear in the mobility."""
         return not self.linear and is_bent(self.problem, self._settings.method)
 
     def _by_mobility(self, covariance: FloatArray) -> FloatArray:
-        """Return the covariance by way of the base's mobility where pi is bent and that holds."""
+        """Return the covariance by way of the base's mobility, if it is needed and possible."""
         x, base = self.recursion.x, self.problem.body("base")
         try:
             mapped = by_mobility(x, covariance, base)
@@ -291,8 +291,8 @@ def build_online(
 ) -> OnlineEstimator | BiasCompensatedEstimator:
     """Build the recursive estimator of a configuration.
 
-    The weightings ols and wls are the paper's regression, which has no prior: theirs is made flat.
-    They and bc take the known bodies and the mounting as exact.
+    The weightings ols and wls are the paper's regression, which has no prior, so their prior is
+    made almost flat. For ols, wls and bc the known bodies and the mounting are exact.
 
     Raises
     ------

@@ -24,12 +24,12 @@ class Origin:
 
     def __init__(self, problem: Problem, *, linear: bool) -> None:
         self._problem, self._linear = problem, linear
-        self._walked_rad2 = np.zeros(problem.model.n)  # where the epoch of the walks began
+        self._walked_rad2 = np.zeros(problem.model.n)  # variance at the epoch's start
         self.mean, self.covariance = problem.prior_mean, self.stated
 
     @property
     def stated(self) -> FloatArray:
-        """Configured covariance (p, p); zeros of joints are as uncertain as the walk so far."""
+        """Return the configured covariance (p, p), with the walk so far added to joints' zeros."""
         covariance = self._problem.prior_covariance
         if self._walked_rad2.any():
             zeros = np.arange(len(covariance))[self._problem.joint_zero]
@@ -39,7 +39,7 @@ class Origin:
 
     @property
     def widened(self) -> FloatArray | None:
-        """Covariance (p, p) where it was widened since the start; None: it was not."""
+        """Return the covariance (p, p) if it was widened since the start; None: it was not."""
         wider = bool(np.any(np.diag(self.covariance) > (1.0 + 1e-9) * np.diag(self.stated)))
         return self.covariance if wider and not self._linear else None
 
@@ -48,7 +48,7 @@ class Origin:
         return self._problem.prior_of(self.mean, self.covariance).at(x)
 
     def in_epoch(self, block: Block) -> Block:
-        """Return the block with its walk counted from the begin of the epoch."""
+        """Return the block with its walk counted from the start of the epoch."""
         if self._problem.walks is None:
             return block
         return replace(block, walk_rad2=block.walk_rad2 - self._walked_rad2)

@@ -1,4 +1,4 @@
-"""From state and covariance to the published estimate, the same for every recursive estimator."""
+"""Conversion of state and covariance to the published estimate, for all recursive estimators."""
 
 import numpy as np
 from scipy.special import chdtri
@@ -9,8 +9,8 @@ from fsw.estimators.model.problem import Problem
 from fsw.estimators.publish import body_estimate, whole_estimate
 from fsw.messages import Estimate, FloatArray
 
-INCONSISTENT = 1e-3  # probability of so large a projection onto the consistent bodies by noise
-WEAKEST_GAIN = 0.5  # least data-over-prior information, in any combination of body parameters
+INCONSISTENT = 1e-3  # probability that noise moves a body so far out of the consistent ones
+WEAKEST_GAIN = 0.5  # least information of data over prior, in any combination of body parameters
 
 
 def weakest_gain(problem: Problem, prior: FloatArray, covariance: FloatArray) -> float:
@@ -36,12 +36,12 @@ def outcome(
     extra: dict[str, float],
     prior: FloatArray | None = None,
 ) -> Estimate:
-    """Return the published view: bodies made consistent, the whole as posed.
+    """Return the published estimate, with consistent bodies and the whole robot in its pose.
 
-    Liquid in an unknown body widens what is published of it, not what is weighed.
+    Liquid in an unknown body widens the published covariance only, not the checks of excitation.
 
-    An estimate without a reason against it gets one here if its excitation was too little or if
-    noise does not explain how far a body had to be moved to be physically possible.
+    If `reason` is empty, it is set here when the excitation was too little, or when noise does not
+    explain how far a body had to be moved to be physically possible.
 
     `prior` (p, p) is the covariance that the data started from; None: the problem's.
 

@@ -1,12 +1,12 @@
 """Wrenches from outside that nothing declares: unknown firings, and contact of the target.
 
-Torque and specific force of a block, with the rate as measured, do not depend on momentum. Where
-noise does not explain them, a wrench is fitted that is free at every node: on the base, as a
-thruster's that nobody reported, or on the target, as of what touches it. The two can be told apart:
-a wrench on the base loads joints by the base's acceleration alone, which is measured. The
-momentum gained is not known: rates are taken as measured until the recursion has begun with a new
-momentum, or for good where none is estimated. A change of the bodies looks
-like a wrench in one block; but one change explains several, and a wrench does not.
+With the measured rate, the torque and specific force of a block do not depend on momentum. If noise
+does not explain them, a wrench that is free at every node is fitted: on the base, as of a thruster
+that nobody reported, or on the target, as of a contact. The two are distinguishable: a wrench on
+the base loads joints only by the base's acceleration, which is measured. The momentum that a wrench
+adds is unknown: rates are used as measured until the recursion has found a new momentum, or for
+good if no momentum is estimated. A change of the bodies looks like a wrench in one block, but one
+change explains several blocks and a wrench does not.
 """
 
 from collections.abc import Mapping
@@ -26,8 +26,8 @@ from fsw.estimators.model.problem import Problem
 from fsw.estimators.recursive.snapshot import kept, put
 from fsw.messages import Block, FloatArray
 
-DECIDING_BLOCKS = 5  # that one change of the bodies must explain to be one
-GOOD_BLOCKS = 2  # that end a wrench
+DECIDING_BLOCKS = 5  # blocks that one change of the bodies must explain
+GOOD_BLOCKS = 2  # that fit in a row and end a wrench
 ITERATIONS = 4  # of fitting a change
 WRENCH = 6
 CODES = {"base": "UNKNOWN_FIRING", "target": "CONTACT"}
@@ -35,16 +35,16 @@ _STATE = ("place", "momentum_lost", "has_acted", "_good", "_since_ns", "_largest
 
 
 class Verdict(Enum):
-    """What a block is to the recursion."""
+    """How the recursion must treat a block."""
 
     FITS = 0
-    OUTSIDE = 1  # left out
-    CHANGE = 2  # of the bodies
+    OUTSIDE = 1  # a wrench from outside acts: leave the block out
+    CHANGE = 2  # the bodies have changed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Innovation:
-    """Residual (k,) of a block, its covariance by noise (k, k), slope (k, p'), rows of a node."""
+    """Residual (k,) of a block, its noise covariance (k, k), Jacobian (k, p'), rows per node."""
 
     r: FloatArray
     S: FloatArray
@@ -58,12 +58,12 @@ class OutsideWatch:
     Attributes
     ----------
     place : "base" or "target" while a wrench is known to act there; empty: none is
-    momentum_lost : whether the momentum is not the one of the state, for one has acted since
-    has_acted : whether one has acted at all, so that no one momentum is that of the whole flight
+    momentum_lost : whether a wrench has acted since the state's momentum was found
+    has_acted : whether a wrench has acted at all, so that the flight has more than one momentum
     """
 
     def __init__(self, problem: Problem, false_alarm: float) -> None:
-        """`false_alarm`: probability of doubting one block."""
+        """`false_alarm`: probability that a good block does not fit."""
         p = len(problem.names)
         self._problem, self._false_alarm = problem, false_alarm
         self._ways = {"base": slice(p, p + WRENCH), "target": slice(p + WRENCH, p + 2 * WRENCH)}
@@ -78,12 +78,12 @@ class OutsideWatch:
         self._events: list[tuple[str, str, str]] = []
 
     def take_events(self) -> list[tuple[str, str, str]]:
-        """Return and forget severity, code and text of what happened."""
+        """Return and discard severity, code and text of what happened."""
         events, self._events = self._events, []
         return events
 
     def snapshot(self) -> dict[str, Any]:
-        """Return the state as plain values; blocks in question are forgotten by a restart."""
+        """Return the state as plain values; a restart discards the blocks in question."""
         return kept(self, _STATE)
 
     def restore(self, values: Mapping[str, Any]) -> None:
@@ -91,17 +91,17 @@ class OutsideWatch:
         put(self, _STATE, values)
 
     def forget(self) -> None:
-        """Begin again with the estimate: nothing is in question; the declared momentum is gone."""
+        """Discard the blocks in question at a restart; after a wrench the momentum is lost."""
         self._suspects, self._places, self.place = [], [], ""
         self.momentum_lost = self.has_acted
 
     @property
     def has_released(self) -> bool:
-        """Return whether nothing acts any more while the new momentum is still to be found."""
+        """Return whether no wrench acts any more while the new momentum is still to be found."""
         return self.momentum_lost and not self._in_question
 
     def found_momentum(self) -> None:
-        """Take note that the state has the momentum of now."""
+        """Record that the state has the present momentum."""
         self.momentum_lost = False
 
     def judge(
@@ -112,7 +112,7 @@ class OutsideWatch:
         Parameters
         ----------
         x : (p,) the estimate
-        covariance_root : (p, p) of it
+        covariance_root : (p, p) of the estimate
         level : noise variance over the declared one
         """
         undecided = Verdict.OUTSIDE if self._in_question else Verdict.FITS
@@ -162,7 +162,7 @@ class OutsideWatch:
         return Verdict.FITS
 
     def _begin(self, t_ns: int) -> None:
-        """Settle where the wrench acts and report it; the blocks in question are decided."""
+        """Decide where the wrench acts and report it; discard the blocks in question."""
         self.has_acted = True
         self.place = max(CODES, key=self._places.count)
         self._suspects, self._places = [], []
@@ -178,7 +178,7 @@ class OutsideWatch:
         return float(chdtri(dof, self._false_alarm))
 
     def _innovation(self, block: Block, x: FloatArray, level: float) -> _Innovation | None:
-        """Return torque and specific force less those predicted; None where rates are missing."""
+        """Return measured less predicted torque and specific force; None if they are missing."""
         if not block.has_gyro:
             return None
         s, n = BlockStack((block,)), block.q_rad.shape[1]
@@ -199,7 +199,7 @@ class OutsideWatch:
         )
 
     def _fit(self, found: _Innovation, S: FloatArray, place: str) -> tuple[float, FloatArray]:
-        """Return the normalised square that a wrench free at every node leaves, and it (m, 6)."""
+        """Fit a wrench free at every node; return the squared whitened residual and it (m, 6)."""
         nodes = found.J[:, self._ways[place]].reshape(-1, found.width, WRENCH)
         C = block_diag(*nodes)
         weighted = np.linalg.solve(S, np.column_stack([C, found.r]))
@@ -208,7 +208,7 @@ class OutsideWatch:
         return float(left @ np.linalg.solve(S, left)), w.reshape(-1, WRENCH)
 
     def _explained(self, found: _Innovation, S: FloatArray) -> str:
-        """Return where a wrench explains an innovation, the base before the target; or nothing."""
+        """Return where a wrench explains an innovation, "base" before "target"; "" if nowhere."""
         limit = self._limit(len(found.r) - WRENCH * (len(found.r) // found.width))
         left = {place: self._fit(found, S, place)[0] for place in CODES}
         return next((place for place, nis in left.items() if nis <= limit), "")
@@ -236,7 +236,7 @@ class OutsideWatch:
                 dof += len(found.r)
             at[k] += np.linalg.solve(information, rhs)
             bodies = at[k].reshape(-1, PARAMETERS)
-            if not all(is_consistent(pi) for pi in bodies):  # what is no body is no change of one
+            if not all(is_consistent(pi) for pi in bodies):  # an impossible body is no change
                 return False
         step = (at - x)[k]
         return nis + float(step @ prior @ step) <= self._limit(dof)

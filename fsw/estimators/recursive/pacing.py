@@ -1,4 +1,4 @@
-"""When to re-linearise, and how far to go: what makes the recursion settle and then rest."""
+"""When the recursion re-linearises, and how far the point moves, so that it settles and rests."""
 
 from typing import Any
 
@@ -9,17 +9,17 @@ from scipy.linalg.lapack import dtrtri
 from fsw.estimators.recursive.snapshot import Values, kept, put
 from fsw.messages import FloatArray
 
-SETTLED = 0.02  # whitened rms step by re-linearising alone below which the estimate has settled
-SETTLED_IN_DOUBT = 0.05  # the same of the bodies alone, where arm and calibration are in doubt
-WORTH = 0.01  # expected step of that kind below which a pass is not worth its time
-FAR = 0.5  # whitened rms distance from the last point at which that expectation is not trusted
+SETTLED = 0.02  # whitened rms step of a pass below which the estimate has settled
+SETTLED_IN_DOUBT = 0.05  # the same of the bodies alone, where arm and calibration are states
+WORTH = 0.01  # expected step of a pass below which the pass is not worth its time
+FAR = 0.5  # whitened rms distance from the last point at which the expected step is not trusted
 LEAST_PULL = 1 / 16
-BACK = 0.5  # cosine between two moves of the point, reversed, above which the second leads back
+BACK = 0.5  # cosine between a move of the point and the last one's reverse: above, it leads back
 _STATE = ("settled", "_last_move", "_last_step", "_last_since", "_pull", "_from")
 
 
 class Pacing:
-    """Remembers what the last pass did; distances are whitened, rms over the states.
+    """Record of the last pass; distances are whitened, rms over the states.
 
     Attributes
     ----------
@@ -32,7 +32,7 @@ class Pacing:
         self._last_move = self._last_step = np.inf
         self._last_since = 1
         self._pull = 1.0  # share of the way to the estimate that the next pass's point moves
-        self._from: FloatArray | float = 0.0  # point before the last pass's, where that is asked
+        self._from: FloatArray | float = 0.0  # point before the last pass's, used with R
 
     def is_worth_a_pass(self, drift: float, since: int) -> bool:
         """Return whether re-linearising now is expected to move the estimate.
@@ -45,9 +45,9 @@ class Pacing:
         return drift > FAR or self.is_expected_to_move(drift, since)
 
     def is_expected_to_move(self, drift: float, since: int) -> bool:
-        """Return whether the last pass's effect, scaled, makes one worth its time.
+        """Return whether a pass is expected to move the estimate enough to be worth its time.
 
-        Scaled linearly or quadratically with how far the point would move.
+        The last pass's step is scaled, linearly or quadratically, by how far the point would move.
         """
         if not self.settled or not np.isfinite(self._last_move):
             return True
@@ -57,9 +57,9 @@ class Pacing:
     def point(
         self, wanted: FloatArray, previous: FloatArray, R: FloatArray | None = None
     ) -> FloatArray:
-        """Return the next pass's point: less than all the way after passes that failed.
+        """Return the next pass's point: not all the way to `wanted` after passes that failed.
 
-        With the root R of an information, half the way where it leads back: passes swing there.
+        Given the root R of an information: half the way if it leads back, where passes oscillate.
         """
         pull = self._pull
         if R is not None:
@@ -70,17 +70,17 @@ class Pacing:
         return wanted if pull >= 1 else previous + pull * (wanted - previous)
 
     def begin(self, move: float, since: int) -> None:
-        """Note how far the point of a pass lies from the one before."""
+        """Record how far the point of a pass lies from the one before, and the blocks so far."""
         self._last_move, self._last_since = move, since
 
     def end(self, step: float, failed: int) -> None:
-        """Note by how much a pass moved the estimate, and in how many blocks it failed."""
+        """Record by how much a pass moved the estimate, and in how many blocks it failed."""
         self._pull = max(self._pull / 2, LEAST_PULL) if failed else min(1.0, self._pull * 2)
         self._last_step = step
         self.settled = step < self._bound and failed == 0
 
     def found_idle(self, step: float) -> None:
-        """Note by how much a pass not worth its time would have moved the estimate."""
+        """Record by how much a pass not worth its time would have moved the estimate."""
         self._last_step = step
 
     def snapshot(self) -> dict[str, Any]:
@@ -98,7 +98,7 @@ def rms(values: FloatArray) -> float:
 
 
 def distance(R: FloatArray, step: FloatArray, bodies: slice | None = None) -> float:
-    """Return the rms of a step whitened with the root R of an information; of `bodies` alone."""
+    """Return the rms of a step whitened by an information's root R; of `bodies` alone if given."""
     if bodies is None:
         return rms(R @ step)
     root = dtrtri(R)[0][bodies]

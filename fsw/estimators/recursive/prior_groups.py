@@ -1,9 +1,9 @@
 """Which part of the prior the data contradict: group by group, and how far each may be widened.
 
-A prior that is wrong and tight in one value is hardly seen among fifty states, and one factor for
-all of them would set sensors free that are what their data sheet says. So each group is judged by
-its own marginal, and widened by its own factor: bodies, and what acts on them, as far as the data
-want; sensors, known bodies and mounting to LARGEST times their stated sigma.
+A prior that is wrong and tight in one value hardly shows among fifty states, and one factor for all
+states would widen sensors that agree with their data sheet. So each group is judged by its own
+marginal and widened by its own factor: bodies and the forces on them as far as the data require;
+sensors, known bodies and mounting to LARGEST times their stated sigma.
 """
 
 from collections.abc import Iterator, Sequence
@@ -17,15 +17,15 @@ from fsw.estimators.model.inertia import PARAMETERS, report_jacobian
 from fsw.estimators.model.problem import IndexArray, Problem
 from fsw.messages import FloatArray
 
-GROUP_PROBABILITY = 1e-4  # of a conflict in one group of a right prior
-LARGEST = 3.0  # times a stated sigma that a sensor, a known body or a mounting can have
+GROUP_PROBABILITY = 1e-4  # of a conflict in one group of a correct prior
+LARGEST = 3.0  # greatest factor on the stated sigma of a sensor, a known body or a mounting
 _OF_BODY = (("mass", slice(0, 1)), ("centre of mass", slice(1, 4)), ("inertia", slice(4, 10)))
 _FREE = ("momentum", "wrench", "target_wrench", "friction_coulomb", "friction_viscous")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Group:
-    """States that one statement of the prior is about; of bodies as stated, not as moments."""
+    """States that the prior states together; for a body the stated quantities, not the moments."""
 
     name: str
     states: IndexArray
@@ -43,7 +43,7 @@ class Widened:
 
 
 def groups(problem: Problem) -> Iterator[Group]:
-    """Yield the groups of a problem's states; each state is in one."""
+    """Yield the groups of a problem's states; each state is in one group."""
     for body in problem.unknown:
         start = problem.body(body).start
         for name, part in _OF_BODY:
@@ -66,10 +66,10 @@ def widen(
     *,
     bodies_first: bool = False,
 ) -> tuple[FloatArray, list[Widened]]:
-    """Return the prior's covariance with the groups widened that the data contradict, and these.
+    """Return the prior's covariance with contradicted groups widened, and these groups.
 
-    A group that is as wide as it can be is named with factor 1. With `bodies_first` sensors, known
-    bodies and mountings are left as they are while a body's prior is wrong: it bends them too.
+    A group that is already as wide as allowed has the factor 1. With `bodies_first`, sensors, known
+    bodies and mountings are left as they are while a body's prior is wrong, which biases them too.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def _distance(prior: Gaussian, estimate: Gaussian, k: IndexArray) -> tuple[float
 
 
 def _scaled(prior: Gaussian, scale: FloatArray, bodies: range) -> FloatArray:
-    """Return the covariance with sigmas times the scale, of bodies those of what is stated."""
+    """Return the covariance with sigmas times the scale; for bodies those of stated quantities."""
     mean, covariance = prior
     A = np.diag(scale)
     for start in bodies:

@@ -1,9 +1,9 @@
-"""The recursion: state, what it remembers, and the bounded units of work that keep both right.
+"""The recursion: its state and memory, and the bounded units of work that keep both up to date.
 
 A block is folded into the square-root information at once; passes over the stored blocks then
 re-linearise them at the current estimate, one block per unit of work. A run of blocks that noise
 does not explain re-opens the estimate to the prior's spread; a prior that the data contradict is
-widened. Both are reported as events. When units are run is for `online` to decide.
+widened. Both are reported as events. `online` decides when units of work are done.
 """
 
 from collections import deque
@@ -35,11 +35,11 @@ from fsw.estimators.sensor_noise import SensorNoise
 from fsw.messages import Block, FloatArray
 from fsw.messages.errors import EstimatorError
 
-NOISE_BLOCKS = 4  # between two judgements of the torque noise
-LEVEL_BLOCKS = 64  # newest blocks that tell the noise level
-ABSURD = 1e12  # normalised innovation squared over its degrees of freedom, settled or not
+NOISE_BLOCKS = 4  # between two judgements of the sensors' noise
+LEVEL_BLOCKS = 64  # newest blocks that determine the noise level
+ABSURD = 1e12  # normalised innovation squared per degree of freedom at which any block is rejected
 EVENT_LIMIT = 64
-SAMPLES = 8  # stored blocks that tell whether a pass is worth its time
+SAMPLES = 8  # stored blocks that show whether a pass is worth its time
 
 _STATE = (
     *("x", "blocks", "since", "gated", "changes", "span_ns", "q_rad", "armed", "conflict"),
@@ -66,7 +66,7 @@ class Recursion:
     conflict : whether the data contradicted the prior at the last check
     screen : judge of single channels
     trust : judge of the residuals at the last check
-    noise : of the sensors, as their samples show it
+    noise : noise of the sensors, learnt from their samples
     used : the newest block, without the channels that were left out
     """
 
@@ -93,7 +93,7 @@ class Recursion:
         )
         self.q_rad: FloatArray | None = None
         self.used: Block | None = None
-        self._coloured = False  # NOISE_CORRELATED is reported
+        self._coloured = False  # whether NOISE_CORRELATED has been reported
         watches = problem.watches_outside
         self.outside = OutsideWatch(problem, settings.gate_probability) if watches else None
         self._in_doubt = len(problem.published) < len(problem.names)
@@ -101,7 +101,7 @@ class Recursion:
         self.start(problem.prior_mean, self.origin.stated)
 
     def start(self, mean: FloatArray, covariance: FloatArray) -> None:
-        """Begin again at a prior; counters and what is known of the sensors stay."""
+        """Begin again at a prior; keep the counters and the knowledge of the sensors."""
         self.origin.mean, self.origin.covariance = mean, covariance
         self.memory = Memory(self.origin.information(mean), self._settings.store_blocks)
         self.x = mean.copy()
@@ -117,7 +117,7 @@ class Recursion:
             self.outside.forget()
 
     def take_over(self, mean: FloatArray, covariance: FloatArray, blocks: int) -> None:
-        """Start from a batch result over so many blocks; with forgetting it ages like other data.
+        """Start from a batch result over `blocks` blocks; with forgetting it fades like other data.
 
         Raises
         ------
@@ -149,7 +149,7 @@ class Recursion:
         )
 
     def restore(self, values: Values, blocks: Mapping[int, Block]) -> None:
-        """Continue from a snapshot. Raises EstimatorError if a block is missing; unchanged then."""
+        """Continue from a snapshot. Raises EstimatorError, unchanged, if a block is missing."""
         prior = to_information(values["memory"]["prior"])
         memory = Memory(prior, self._settings.store_blocks)
         memory.restore(values["memory"], blocks, self._usable_rows)
@@ -164,19 +164,19 @@ class Recursion:
             self.outside.restore(values["outside"])
 
     def take_events(self) -> list[EventWords]:
-        """Return what has happened since the last call: severity, code, text."""
+        """Return severity, code and text of what has happened since the last call."""
         drained = list(self._events) + ([] if self.outside is None else self.outside.take_events())
         self._events.clear()
         return drained
 
     @property
     def duration_s(self) -> float:
-        """Length of the data since the last start."""
+        """Return the length of the data since the last start [s]."""
         return (self.span_ns[1] - self.span_ns[0]) * 1e-9 if self.span_ns else 0.0
 
     @property
     def has_work(self) -> bool:
-        """Whether a unit of work is expected to change anything."""
+        """Return whether a unit of work is expected to change anything."""
         if not len(self.memory):
             return False
         if self._after_pass or self.memory.in_pass:
@@ -265,9 +265,10 @@ class Recursion:
         return True
 
     def _at_momentum(self, block: Block, watch: OutsideWatch) -> Block:
-        """Begin with a new momentum after a wrench; else return the block with rates as measured.
+        """Begin with a new momentum after a wrench, if it is found; return the block to be used.
 
-        None is sought with modes: what moves them has acted unseen.
+        Until the momentum is found, the block has no attitude, so that rates are used as measured.
+        With modes no momentum is sought, because the wrench has moved the modes unseen.
         """
         if not watch.momentum_lost:
             return block
@@ -291,7 +292,7 @@ class Recursion:
         return used, self._usable_rows(used, at, self.memory.gained)
 
     def residual_variance(self) -> float:
-        """Return the variance of the residuals of the linear regression, in units of the declared.
+        """Return the residuals' variance over the declared one, for the linear regression.
 
         It is their sum of squares over rows less states; 1 while there are not more rows.
         """
@@ -299,7 +300,7 @@ class Recursion:
         return self._rss / spare if spare > 0 else 1.0
 
     def begin_again(self, why: str) -> None:
-        """Return to the prior of the problem and report why."""
+        """Restart at the problem's prior and report why."""
         self.start(self.problem.prior_mean, self.origin.stated)
         self.monitor.restart()
         self._events.append(("high", "ESTIMATOR_RESET", why))
@@ -370,9 +371,9 @@ class Recursion:
             self._level_due = self._check_due = True
 
     def _next_point(self) -> tuple[FloatArray, float | None]:
-        """Return where to re-linearise, and the step that would make if it is not worth its time.
+        """Return the next pass's point, and its step if the pass is not worth its time, else None.
 
-        Where only the distance speaks for a pass, some of the blocks show its effect.
+        Where the drift alone suggests a pass, some of the blocks show the step.
         """
         drift, expected = self._drift(), True
         wanted = self._point()
@@ -396,7 +397,7 @@ class Recursion:
             return
         memory.replace_prior(self.origin.information(memory.at))
         self._solve()
-        if memory is not self.memory:  # started over
+        if memory is not self.memory:  # the recursion has restarted
             return
         k = self.problem.bodies if self._in_doubt else None
         step = max(distance(root, self.x - x, k) for root in (R, memory.information.R))
@@ -417,7 +418,7 @@ class Recursion:
             self._events.append(("medium", "NOISE_ABOVE_DECLARED", text))
 
     def _learn_noise(self) -> None:
-        """Let covariances follow the noise that is found; all stored blocks again then."""
+        """Add the noise that is found to covariances; all stored blocks are then re-linearised."""
         if self.linear or not self.noise.learn():
             return
         self.pacing.settled = False
@@ -428,7 +429,7 @@ class Recursion:
         self._coloured = bool(words)
 
     def _check_prior(self) -> None:
-        """Widen what of the prior the data contradict, and let the estimate settle again."""
+        """Widen the groups of the prior that the data contradict; let the estimate settle again."""
         self._check_due = False
         covariance = self.memory.tempered(self.monitor.level).covariance()
         prior = self.origin.mean, self.origin.covariance
@@ -445,11 +446,11 @@ class Recursion:
         self._events.append(("medium", "PRIOR_CONFLICT", text))
 
     def _drift(self) -> float:
-        """Whitened rms distance of the estimate from the point of the last pass."""
+        """Return the whitened rms distance of the estimate from the point of the last pass."""
         return distance(self.memory.information.R, self.x - self.memory.at)
 
     def _point(self) -> FloatArray:
-        """Return the estimate with every body moved to the nearest physically consistent one."""
+        """Return the estimate with consistent bodies; for linear weightings the prior's mean."""
         if self.linear:
             return self.problem.prior_mean
         return self.problem.consistent(self.x, self.memory.information.covariance)

@@ -1,7 +1,7 @@
-"""States of estimators as plain values: what a checkpoint holds and a restart continues from.
+"""States of estimators as plain values, for checkpoints and for restarts from them.
 
-A state is a mapping of numbers, text, None, arrays, lists and further mappings. Values taken out
-are copies; putting them back into an object of the same problem continues exactly where it was.
+A state is a mapping of numbers, text, None, arrays, lists and further mappings. Its values are
+copies. An object of the same problem that they are put into continues exactly from this state.
 """
 
 from collections.abc import Mapping, Sequence
@@ -27,7 +27,7 @@ def kept(owner: object, names: Sequence[str]) -> dict[str, Any]:
 
 
 def put(owner: object, names: Sequence[str], values: Values) -> None:
-    """Set the named attributes to what `kept` returned."""
+    """Set the named attributes to the values that `kept` returned."""
     for name in names:
         value = values[name.lstrip("_")]
         setattr(owner, name, value.copy() if isinstance(value, np.ndarray) else value)
@@ -47,17 +47,17 @@ def check_fit(problem: Problem, kind: str, values: Values) -> None:
 
 
 def from_information(information: SquareRootInformation | None) -> dict[str, Any] | None:
-    """Return the factor and right-hand side."""
+    """Return the factor and right-hand side as plain values; None for None."""
     return None if information is None else {"R": information.R, "z": information.z}
 
 
 def to_information(values: Values) -> SquareRootInformation:
-    """Return the information of its values."""
+    """Return the information from the values of `from_information`."""
     return SquareRootInformation(np.asarray(values["R"]), np.asarray(values["z"]))
 
 
 def from_impulse(impulse: Impulse | None) -> dict[str, Any] | None:
-    """Return the momentum gained, its derivative, and where it was taken; modes if there are."""
+    """Return an impulse as plain values, with thrusters and modes only if there are any."""
     if impulse is None:
         return None
     fired = ("fired_s",) if isinstance(impulse.fired_s, np.ndarray) else ()
@@ -66,5 +66,5 @@ def from_impulse(impulse: Impulse | None) -> dict[str, Any] | None:
 
 
 def to_impulse(values: Values | None) -> Impulse | None:
-    """Return the impulse of its values."""
+    """Return the impulse from the values of `from_impulse`."""
     return None if values is None else Impulse(**values)
