@@ -96,7 +96,7 @@ def build_context(
 
 
 class TelemetryApplication:
-    """Telemetry and telecommands: the services 1 to 23 of the standard.
+    """Runs telemetry and telecommands: services 1 to 23 of ECSS-E-ST-70-41C.
 
     Parameters
     ----------

@@ -41,7 +41,7 @@ class FileDelivery(Protocol):
     def finished(self) -> list[tuple[int, bool, str]]:
         """Return number, success and text of each transaction that ended since the last call.
 
-        A file that the ground sent unasked has number 0; the text names the file.
+        A file that the ground sent on its own initiative has number 0; the text names the file.
         """
         ...
 
@@ -89,7 +89,7 @@ class Recording(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Host:
-    """What the telemetry application uses of the service process around it.
+    """Interface to the service process around the telemetry application.
 
     Parameters
     ----------

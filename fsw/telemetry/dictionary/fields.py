@@ -15,7 +15,7 @@ def number(
 
 
 def choice(name: str, enumeration: Enumeration, doc: str = "", **concerns: Concern) -> Field:
-    """Return an enumerated field of one byte; a keyword per label that needs attention."""
+    """Return an enumerated field of one byte; `concerns` names labels that need attention."""
     return Field(
         name=name, type=Type.U8, enumeration=enumeration, doc=doc, alarms=tuple(concerns.items())
     )

@@ -1,7 +1,7 @@
 """The dictionary as COSMOS configuration: one target with `cmd.txt` and `tlm.txt`, and a plugin.
 
-The items before the fields are the packet's headers; items that identify a packet have its value.
-The sequence count is a parameter, because COSMOS does not count. Verification reports repeat it.
+The items before the fields are the packet's headers; identifying items have fixed values.
+The sequence count is a parameter to set, for COSMOS does not count; verification reports name it.
 """
 
 from collections.abc import Iterator
@@ -155,7 +155,7 @@ def _units(item: Field) -> Iterator[str]:
 def _limits(item: Field) -> Iterator[str]:
     """Yield the four limits that COSMOS needs; a missing red one is the end of the type's range.
 
-    A value at a COSMOS limit is outside, at ours it is inside; so integer limits move out by 1.
+    COSMOS counts a value at a limit as outside, the dictionary as inside: integers move out by 1.
     """
     if item.limits is None:
         return

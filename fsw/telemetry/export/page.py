@@ -126,7 +126,7 @@ def _field_row(at: int, item: Field) -> str:
 
 
 def _attention(item: Field) -> str:
-    """Return limits, or labels that need attention; in short form if only the first does not."""
+    """Return limits, or labels that need attention, in short if these are all but the first."""
     if item.alarms and item.enumeration is not None:
         if len(item.alarms) == len(item.enumeration.labels) - 1 > 2:
             return f"{item.alarms[0][1].name.lower()}: all but {item.enumeration.labels[0]}"

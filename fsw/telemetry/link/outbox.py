@@ -90,7 +90,7 @@ class Outbox:
         return whole
 
     def rest(self) -> None:
-        """Record that the client accepts no more bytes now: priority orders the rest."""
+        """Record that the client accepts no bytes now: priority then orders waiting packets."""
         self._is_behind = bool(self)
 
     def _next_queue(self) -> deque[tuple[int, bytes]] | None:

@@ -50,7 +50,7 @@ class Refusal:
 
 
 def admit(newcomer: LinkClient, others: Sequence[LinkClient], places: int) -> Refusal | None:
-    """Give a new client a place or a trial; return a client to disconnect, None if all may stay."""
+    """Give a new client a place or a trial; return a client to disconnect, if any."""
     rivals = [other for other in others if other.may_command == newcomer.may_command]
     newcomer.on_trial = sum(not rival.on_trial for rival in rivals) >= places
     if not newcomer.on_trial:
@@ -65,7 +65,7 @@ def admit(newcomer: LinkClient, others: Sequence[LinkClient], places: int) -> Re
 
 
 def promote(client: LinkClient, others: Sequence[LinkClient], places: int) -> Refusal | None:
-    """Give a commanding client a lasting place; return a client to disconnect, None for none."""
+    """Give a commanding client a lasting place; return a client to disconnect, if any."""
     client.has_commanded = True
     if not client.on_trial:
         return None

@@ -146,7 +146,7 @@ class FrameReceiver:
         self._numbers.settle({name: self._numbers.floor(name) for name in names})
 
     def matches(self, header: bytes) -> int | None:
-        """Return the length of the frame that these 5 bytes begin [B]; None if they cannot."""
+        """Return the length of the frame that 5 bytes begin [B]; None if they begin no frame."""
         first, second, sequence = _HEADER.unpack_from(header)
         length = int(second & 0x3FF) + 1
         ours = (first, second >> 10, sequence) == (self._first, self._channel, 0)

@@ -115,7 +115,7 @@ def _is_packet_id(buffer: bytearray) -> bool:
 
 
 def _length(buffer: bytearray) -> int | None:
-    """Return the length of the packet that these bytes can begin [B]; None if they cannot."""
+    """Return the length of the packet that the bytes begin [B]; None if they begin no packet."""
     identity = buffer[0] << 8 | buffer[1]
     length = (buffer[4] << 8 | buffer[5]) + HEADER_BYTES + 1
     if length > MAX_PACKET_BYTES:

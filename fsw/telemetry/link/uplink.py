@@ -69,7 +69,7 @@ class SecureUplink:
         return self._splitter.resyncs
 
     def feed(self, chunk: bytes, now_ns: int) -> list[Uplinked]:
-        """Return the packets of accepted frames, and one rejected item for each other frame."""
+        """Return the packets of accepted frames, and rejected items for all other frames."""
         return _reported(self._splitter.feed(chunk, now_ns), now_ns)
 
     def expire(self, now_ns: int) -> list[Uplinked]:

@@ -36,7 +36,7 @@ class LocalCommands:
         self._end(reply.id, error)
 
     def poll(self, now_ns: int) -> None:
-        """Record commands without an answer of the loop as failed after `TIMEOUT_NS`."""
+        """Fail the commands that the loop has not answered within `TIMEOUT_NS`."""
         late = [n for n, item in self._waiting.items() if now_ns - item.since_ns > TIMEOUT_NS]
         for number in late:
             self._end(number, TcError(Error.TIMEOUT, text="the loop did not answer"))

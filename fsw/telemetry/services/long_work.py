@@ -26,7 +26,7 @@ class LongWork:
         self._left = PIECES_PER_POLL
 
     def action(self, request: Request, make: Callable[[], Pieces]) -> Action:
-        """Return the action that begins the work. Raises TcError BUSY while the same one runs.
+        """Return the action that begins the work. Raises TcError BUSY while its name already runs.
 
         Parameters
         ----------

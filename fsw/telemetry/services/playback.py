@@ -232,7 +232,7 @@ class Playback:
 
 
 def _time_ns(request: Request, name: str) -> int:
-    """Return the mission elapsed time in the arguments `name`_* of a telecommand [ns]."""
+    """Return the mission elapsed time in the arguments that begin with `name` [ns]."""
     fine = request.whole(f"{name}_fine")
     coarse_s, p_field = request.whole(f"{name}_coarse_s"), request.whole(f"{name}_p_field")
     return from_cuc(struct.pack(">BIBH", p_field, coarse_s, fine >> 16, fine & 0xFFFF))

@@ -2,7 +2,7 @@
 
 A change of the schedule is stored on the disk before it has an effect. A telecommand is removed
 from the disk before its release, so that no crash releases it twice; if the disk cannot be written,
-it is released all the same. Times are stored with their epoch, to convert them after a restart.
+it is still released. Times are stored with their epoch, to convert them after a restart.
 """
 
 import struct

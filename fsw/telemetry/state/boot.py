@@ -14,7 +14,7 @@ CAUSES = ("first start", "stopped before", "restart commanded", "the last run cr
 
 @dataclass(frozen=True, slots=True)
 class Boot:
-    """Number of this run on its state directory, and the cause of the restart."""
+    """Number of this run on its state directory, and the reason for its start."""
 
     count: int
     cause: int  # number of the dictionary's reset_cause
@@ -42,7 +42,7 @@ class Boot:
         return f"run {self.count}: {CAUSES[self.cause]}"
 
     def keep(self, store: GenerationStore, *, running: bool, commanded: bool) -> None:
-        """Store that the daemon runs, or that it ended in order; `commanded`: to restart."""
+        """Store whether the daemon runs or ended in order; `commanded`: it ended by RESTART."""
         document = {
             "count": self.count,
             "cause": self.cause,

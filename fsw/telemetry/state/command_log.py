@@ -74,7 +74,7 @@ class CommandLog:
         return record
 
     def keep(self, record: CommandRecord) -> None:
-        """Write a command to the file, before its end if that will take some time."""
+        """Append a command to the file: at its end, and at its start if it takes long."""
         self._journal.append(asdict(record))
 
     def end(self, record: CommandRecord, outcome: CommandOutcome, error: Error) -> None:

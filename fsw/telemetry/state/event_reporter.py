@@ -1,4 +1,4 @@
-"""Events of the telemetry application itself; the rest of a burst is reported as a count."""
+"""Reports events of the telemetry application itself; long bursts are summarised."""
 
 from fsw.telemetry.dictionary.events import SEVERITIES
 from fsw.telemetry.ports import Host

@@ -1,4 +1,4 @@
-"""Limits bursts of events of one code: the first pass, one summary a period counts the rest."""
+"""Limits bursts of one event code: the first events pass, one summary a period counts the rest."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

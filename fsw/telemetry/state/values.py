@@ -103,7 +103,7 @@ def body_values(prefix: str, body: BodyEstimate | None) -> Values:
 def plain_body_values(
     prefix: str, mean: Mapping[str, Any] | None, sigma: Mapping[str, Any] | None
 ) -> Values:
-    """Return the values of `body_values` for plain values; always marked as consistent."""
+    """Return the fields of a body in plain values (None: zeros), always marked consistent."""
     values: Values = {f"{prefix}_present": mean is not None, f"{prefix}_consistent": True}
     zero: Mapping[str, Any] = {"mass_kg": 0.0, "com_m": [0.0] * 3, "inertia_kg_m2": [0.0] * 6}
     for start, source in ((prefix, mean or zero), (f"{prefix}_sigma", sigma or zero)):

@@ -73,7 +73,7 @@ def _check_rates(config: Config, table: RatesTable) -> None:
 
 
 def noise_changes(content: bytes) -> dict[str, Any]:
-    """Return the changes to the configuration that a noise table means. Raises ConfigError."""
+    """Return a noise table as changes to the configuration. Raises ConfigError."""
     table = read_table(NoiseTable, content) if content else NoiseTable()
     return {"noise": table.model_dump(mode="json", exclude_none=True)}
 

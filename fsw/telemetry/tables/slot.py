@@ -1,4 +1,4 @@
-"""One table: its active content, its staged content and the state of that."""
+"""One table: its active, staged and previous content, and its state."""
 
 import zlib
 from collections.abc import Callable
