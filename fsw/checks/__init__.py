@@ -1,1 +1,1 @@
-"""Checks: everything that can be wrong with a configuration, found before a device is opened."""
+"""Checks that find faults of a configuration before a device is opened."""

@@ -1,4 +1,4 @@
-"""What moves in the base is part of its inertial data at rest: a body must remain without it."""
+"""Check that the base remains a possible body without the modes and rotors that belong to it."""
 
 from collections.abc import Iterator
 
@@ -12,15 +12,15 @@ from fsw.messages import FloatArray
 
 
 def part_faults(config: Config, problem: Problem) -> list[str]:
-    """Return a line for the first mode, and each wheel, that the base cannot contain."""
+    """Return a line for the first mode and for each wheel that the base cannot contain."""
     base = problem.pi(problem.prior_mean)[:PARAMETERS]
     return [*_mode_fault(config, base), *_rotor_faults(config, base)]
 
 
 def _mode_fault(config: Config, base: FloatArray) -> Iterator[str]:
-    """Yield a line for the mode that leaves no body of the base (10,)."""
+    """Yield a line for the first mode without which the base (10,) is no possible body."""
     if not is_consistent(base):
-        return  # the URDF's own fault, of which its warning tells
+        return  # a fault of the URDF, reported by another check
     rest = base
     for i, mode in enumerate(config.modes):
         rest = rest - in_base(mode)
@@ -40,7 +40,7 @@ def _mode_fault(config: Config, base: FloatArray) -> Iterator[str]:
 
 
 def _rotor_faults(config: Config, base: FloatArray) -> Iterator[str]:
-    """Yield a line for each wheel whose rotor has more inertia than the base (10,) about it."""
+    """Yield a line for each rotor with at least the inertia of the base (10,) about its axis."""
     if config.base.motion != "free" or base[0] <= 0.0:
         return
     central = _matrix(from_parameters(base)[2])
@@ -55,11 +55,11 @@ def _rotor_faults(config: Config, base: FloatArray) -> Iterator[str]:
 
 
 def _matrix(inertia_kg_m2: FloatArray) -> FloatArray:
-    """Return (3, 3) of xx xy xz yy yz zz."""
+    """Return the matrix (3, 3) of the inertia xx xy xz yy yz zz."""
     xx, xy, xz, yy, yz, zz = inertia_kg_m2
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
 def _principal(inertia_kg_m2: FloatArray) -> FloatArray:
-    """Return the principal moments (3,), ascending."""
+    """Return the principal moments (3,) [kg m^2] in ascending order."""
     return np.asarray(np.linalg.eigvalsh(_matrix(inertia_kg_m2)))

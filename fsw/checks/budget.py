@@ -1,6 +1,6 @@
-"""Load of buses and lines, and delay of every sensor, at the configured rates.
+"""Worst-case load of buses and lines, and delay of every sensor, at the configured rates.
 
-Worst cases only, computed before any device is opened. Frame lengths are those of docs/icd.md.
+The functions need no device. Lengths of frames are those of docs/icd.md.
 """
 
 from collections.abc import Sequence
@@ -18,17 +18,17 @@ from fsw.config.devices import SAMPLES
 from fsw.drivers.ports.stamps import KERNEL_WAIT_NS
 
 BITS_PER_BYTE = 10  # 8N1: start, eight data, stop
-ASSUMED_BITRATE = 1_000_000  # of a bus whose interface sets the bit rate elsewhere
+ASSUMED_BITRATE = 1_000_000  # for a bus whose bit rate is not set in the configuration
 ASSUMED_DATA_BITRATE = 5_000_000
 SYNC_BYTES = 1
 TPDO1_BYTES = 8
 TPDO1_FD_BYTES = 20
 TPDO2_BYTES = 8
 WHEEL_TPDO2_BYTES = 2
-TPDO2_DIVIDER = 10  # sent at every tenth SYNC
-IMU_BYTES = {  # shortest datagram with an accelerometer, and the longest of all
+TPDO2_DIVIDER = 10  # a node sends TPDO2 at every tenth SYNC
+IMU_BYTES = {  # shortest datagram with an accelerometer, and longest datagram
     "stim300": (28, 63),
-    "mip": (44, 134),  # rate, acceleration and time alone; the longest packet that is read
+    "mip": (44, 134),  # only rate, acceleration and time; longest packet that the driver reads
 }
 CRLF_BYTES = 2
 IMU_RATES_HZ = (125.0, 250.0, 500.0, 1000.0, 2000.0)
@@ -36,20 +36,20 @@ STAR_TRACKER_BYTES = 2 + 2 * 87  # a solution frame with every byte escaped
 
 
 def classic_frame_s(data_bytes: int, bitrate: float) -> float:
-    """Return the longest time [s] of a classic base frame, interframe space included.
+    """Return the longest duration [s] of a classic base frame, including the interframe space.
 
-    Source: CAN 2.0 frame layout, 47 + 8 n bits, of which 34 + 8 n are stuffed after every fourth.
+    Source: CAN 2.0 frame layout: 47 + 8 n bits, of which 34 + 8 n get a stuff bit every fourth.
     """
     stuffed = 34 + 8 * data_bytes
     return (47 + 8 * data_bytes + (stuffed - 1) // 4) / bitrate
 
 
 def fd_frame_s(data_bytes: int, bitrate: float, data_bitrate: float) -> float:
-    """Return the longest time [s] of an ISO CAN FD base frame with bit-rate switch.
+    """Return the longest duration [s] of an ISO CAN FD base frame with bit-rate switch.
 
-    Arbitration phase: 17 bits to BRS with 4 stuff bits, CRC delimiter to interframe space 13.
-    Data phase: ESI, DLC, data with a stuff bit after every fourth, stuff count, CRC with its fixed
-    stuff bits. Source: ISO 11898-1:2015.
+    Arbitration phase: 17 bits up to BRS and 4 stuff bits; 13 bits from CRC delimiter to interframe
+    space. Data phase: ESI, DLC and data with a stuff bit after every fourth bit, stuff count, CRC
+    with fixed stuff bits. Source: ISO 11898-1:2015.
     """
     crc_bits = 17 if data_bytes <= 16 else 21
     body = 5 + 8 * data_bytes
@@ -63,7 +63,7 @@ def bus_load(
     joints: tuple[JointConfig, ...],
     others: Sequence[WheelConfig | ThrusterConfig] = (),
 ) -> float:
-    """Return the worst-case share of a bus that SYNC, TPDO1 and TPDO2 take (1: full)."""
+    """Return the worst-case load of a bus by SYNC, TPDO1 and TPDO2 (1: full)."""
     if bus.interface == SAMPLES:
         return 0.0
     bitrate = bus.bitrate or ASSUMED_BITRATE
@@ -86,7 +86,7 @@ def bus_load(
 
 
 def imu_load(imu: ImuConfig) -> tuple[float, float]:
-    """Return the share of the line that the shortest and the longest datagram would take."""
+    """Return the load of the line (1: full) by the shortest and by the longest datagrams."""
     if imu.driver not in IMU_BYTES:  # no serial line
         return 0.0, 0.0
     end = CRLF_BYTES if imu.crlf else 0
@@ -97,25 +97,25 @@ def imu_load(imu: ImuConfig) -> tuple[float, float]:
 
 
 def star_tracker_load(tracker: StarTrackerConfig) -> float:
-    """Return the share of the line that solutions take at worst."""
+    """Return the worst-case load of the star tracker's line (1: full)."""
     return STAR_TRACKER_BYTES * BITS_PER_BYTE * tracker.rate_hz / tracker.baud_rate
 
 
 def joint_delay_s(bus: BusConfig, scheduler: SchedulerConfig) -> float:
-    """Return the longest time [s] from latch to reading: a cycle, the kernel's queues, a tick."""
+    """Return the longest delay [s] from latch to reading: latch offset, cycle, kernel, tick."""
     waits_s = KERNEL_WAIT_NS * 1e-9 + 1.0 / scheduler.tick_rate_hz
     return abs(bus.latch_offset_s) + 1.0 / bus.rate_hz + waits_s
 
 
 def wheel_delay_s(wheel: WheelConfig, bus: BusConfig | None, scheduler: SchedulerConfig) -> float:
-    """Return the longest time [s] from validity to reading; without a bus, its delay and a tick."""
+    """Return the longest delay [s] from validity to reading; without a bus: delay_s and a tick."""
     if bus is None:
         return wheel.delay_s + 1.0 / scheduler.tick_rate_hz
     return wheel.delay_s + joint_delay_s(bus, scheduler)
 
 
 def imu_delay_s(imu: ImuConfig, scheduler: SchedulerConfig) -> float:
-    """Return the time [s] from validity to reading: group delay, one sample, the line, a tick."""
+    """Return the longest delay [s] from validity to reading: group delay, sample, line, tick."""
     group_s = max(imu.gyro_group_delay_s, imu.acc_group_delay_s)
     longest = IMU_BYTES.get(imu.driver, (0, 0))[1]  # no line: no bytes
     line_s = (longest + CRLF_BYTES) * BITS_PER_BYTE / imu.baud_rate
@@ -123,6 +123,6 @@ def imu_delay_s(imu: ImuConfig, scheduler: SchedulerConfig) -> float:
 
 
 def star_tracker_delay_s(tracker: StarTrackerConfig, scheduler: SchedulerConfig) -> float:
-    """Return the time [s] from mid-exposure to reading: latency, the line, a tick."""
+    """Return the longest delay [s] from mid-exposure to reading: latency, line, tick."""
     line_s = STAR_TRACKER_BYTES * BITS_PER_BYTE / tracker.baud_rate
     return tracker.latency_s + line_s + 1.0 / scheduler.tick_rate_hz

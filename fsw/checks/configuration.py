@@ -1,7 +1,7 @@
-"""Everything that can be wrong with a configuration, found before any device is opened.
+"""Find faults of a configuration before any device is opened.
 
-`validate` is what `fsw run` and `fsw replay` go through; `fsw check` adds `describe`. Each fault is
-one line: key, value found, bound.
+`fsw run`, `fsw replay` and `fsw check` all call `validate`. Each fault is one line with key, value
+and bound.
 """
 
 import os
@@ -20,27 +20,27 @@ from fsw.drivers.codecs.stim300 import GYRO_WIRE_RAD_S
 from fsw.estimators.model.problem import Problem
 from fsw.messages.errors import ConfigError
 
-LONG_LEVER_M = 10.0  # of the inertial unit: a space station would have it
-FAST_RAD_S = 2.0 * tau  # of a joint: more is rather in degrees
-LARGE_WALK_RAD = 5e-3  # of an integrated angle in a minute: its product with the noise counts
+LONG_LEVER_M = 10.0  # a longer lever arm of the inertial unit is probably in millimetres
+FAST_RAD_S = 2.0 * tau  # a faster speed limit of a joint is probably in degrees
+LARGE_WALK_RAD = 5e-3  # drift of an integrated angle in a minute above which sigmas are too small
 FULL_LOAD = 1.0
 HIGH_LOAD = 0.7
-MAX_GROUP_DELAY_S = 0.1  # a sensor filter slower than 10 Hz is taken for milliseconds
-MAX_SOCKET_PATH_BYTES = 107  # sun_path of Linux, less its final zero
-SOCKET_NAME_BYTES = 20  # room for a slash and the control socket's own name
-TORQUE_STEP_NM = {"classic": 1e-2, "fd": 1e-4}  # of the wire
+MAX_GROUP_DELAY_S = 0.1  # a longer delay is probably in milliseconds
+MAX_SOCKET_PATH_BYTES = 107  # sun_path of Linux without its final zero
+SOCKET_NAME_BYTES = 20  # room for a slash and the name of the control socket
+TORQUE_STEP_NM = {"classic": 1e-2, "fd": 1e-4}  # resolution in TPDO1
 POSITION_STEP_RAD = tau * 2.0**-24
 LINKS = Path("/sys/class/net")
-IFF_UP = 1  # of its flags: Linux include/uapi/linux/if.h
-SIMULATED_INTERFACES = ("udp_multicast", "udp_frames", "virtual")  # have no bit rate of their own
+IFF_UP = 1  # bit of an interface's flags: Linux include/uapi/linux/if.h
+SIMULATED_INTERFACES = ("udp_multicast", "udp_frames", "virtual")  # have no physical bit rate
 
 
 def validate(config: Config) -> tuple[Problem, list[str]]:
-    """Check a configuration, with one dry update, without touching a device or writing a file.
+    """Check a configuration, including a dry update; open no device and write no file.
 
     Returns
     -------
-    The estimation problem laid out, and the warnings.
+    The estimation problem of the configuration, and a line for each warning.
 
     Raises
     ------
@@ -65,7 +65,7 @@ def validate(config: Config) -> tuple[Problem, list[str]]:
 
 
 def validate_outputs(config: Config) -> None:
-    """Check that recordings and state can be written where the configuration puts them.
+    """Check that recordings and state can be written in the configured folders.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def validate_outputs(config: Config) -> None:
 
 
 def _noise_warnings(config: Config) -> Iterator[str]:
-    """Yield what is odd about the noise of the joints' samples."""
+    """Yield a line for each implausible noise of the joints' samples."""
     sampled = [bus.name for bus in config.buses if bus.interface == SAMPLES]
     rates_hz = {bus.name: bus.rate_hz for bus in config.buses}
     for i, joint in enumerate(config.joints):
@@ -148,7 +148,7 @@ def _warnings(config: Config) -> list[str]:
             f"{estimator.method!r}, only to a batch of mrnea; must be 'eiv' with this method"
         )
     others = [kind for kind in ("wheels", "thrusters") if getattr(config, kind)]
-    rated = config.estimator.method != "mrnea"  # whose rows need no momentum
+    rated = config.estimator.method != "mrnea"  # rows of mrnea need no momentum
     if others and rated and config.base.motion == "free" and not estimator.momentum_sigma_nms:
         found.append(
             f"estimator.momentum_sigma_nms: 0 with {' and '.join(others)}: their momentum and the "
@@ -168,7 +168,7 @@ def _warnings(config: Config) -> list[str]:
 
 
 def _telemetry_warnings(config: Config) -> list[str]:
-    """Return a line for all that packets of fixed size and the loop's rate leave out."""
+    """Return a line for each part of the data, or rate, that telemetry cannot provide."""
     telemetry = config.telemetry
     if telemetry is None:
         return []
@@ -196,7 +196,7 @@ def _telemetry_warnings(config: Config) -> list[str]:
 
 
 def validate_ports(config: Config) -> None:
-    """Check that every device has its port, as a live run needs it and a replay does not.
+    """Check that every device has a port: a live run needs them, a replay does not.
 
     Raises
     ------
@@ -214,7 +214,7 @@ def validate_ports(config: Config) -> None:
 
 
 def missing_devices(config: Config) -> list[str]:
-    """Return a line per port that is not given, or cannot be used now; nothing is opened."""
+    """Return a line for each port that is not configured, or cannot be used now; open none."""
     ports = {"imu.port": config.imu.port} if config.imu.present else {}
     if config.star_tracker is not None:
         ports["star_tracker.port"] = config.star_tracker.port
@@ -241,7 +241,7 @@ def missing_devices(config: Config) -> list[str]:
 
 
 def _link_fault(bus: BusConfig) -> str:
-    """Return why a CAN interface cannot be used now; empty: it can."""
+    """Return the reason why a CAN interface cannot be used now; empty: it can be used."""
     link = LINKS / (bus.channel or "")
     if not bus.channel or not link.exists():
         return f"no interface {bus.channel} on this machine now; see `ip link`"
@@ -329,7 +329,7 @@ def _mounting_warnings(config: Config) -> list[str]:
 
 
 def _not_writable(folder: Path) -> str:
-    """Return why a folder, which need not exist yet, takes no file; empty when it does."""
+    """Return the reason why a folder, existing or not yet, cannot be written; empty: it can."""
     nearest = folder
     while not nearest.exists() and nearest != nearest.parent:
         nearest = nearest.parent

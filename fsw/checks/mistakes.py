@@ -1,8 +1,8 @@
-"""The usual mistakes of a configuration, tried on recorded blocks: which of them explains the data.
+"""Try the usual mistakes of a configuration on recorded blocks, to find one that explains the data.
 
-A mistake is a change of the blocks to what they had been without it: a sign, two joints swapped, a
-sensor turned. With each of them the bodies are identified again; the mistake that was made leaves
-residuals of the declared noise, and hardly any other does.
+Examples are a wrong sign, two swapped joints, a rotated sensor. For each mistake, the blocks are
+changed to those of a correct configuration, and the bodies are identified again. Residuals as small
+as the declared noise show the actual mistake; hardly any other mistake leaves such residuals.
 """
 
 from collections.abc import Callable, Sequence
@@ -31,14 +31,14 @@ from fsw.estimators.rotation import rotation_from_xyzw
 from fsw.messages import Block, FloatArray
 from fsw.messages.errors import NUMERICAL, ConfigError
 
-BLOCKS = 8  # that are looked at, spread over the recording
+BLOCKS = 8  # number of blocks used, spread over the recording
 ITERATIONS = 12
-LARGE = 3.0  # squared residuals over the declared noise: above, something is wrong
-EXPLAINED = 0.1  # of the squared residuals that a mistake may leave to be named
-TOLD = 10  # mistakes from one line of progress to the next
-WELL_EXPLAINED = 9.0  # squared residuals over the noise that may be left of what is named
-AT_ONCE = 3  # mistakes in one configuration
-FREED, FREED_M = 30.0, 3.0  # sigma of a base that nobody knows: in its own values; of its centre
+LARGE = 3.0  # ratio of squared residuals to declared noise above which something is wrong
+EXPLAINED = 0.1  # largest share of the squared residuals that remains if a mistake explains them
+TOLD = 10  # mistakes between two lines of progress
+WELL_EXPLAINED = 9.0  # largest ratio of squared residuals to noise after the found mistakes
+AT_ONCE = 3  # most mistakes searched for in one configuration
+FREED, FREED_M = 30.0, 3.0  # sigma of a freed base: ratio for mass and inertia; centre of mass
 FREED_ITERATIONS = 60
 
 Change = Callable[[Block], Block]
@@ -46,29 +46,29 @@ Change = Callable[[Block], Block]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Mistake:
-    """A mistake that may have been made, and what the blocks had been without it."""
+    """A possible mistake; `change` returns a block as it would be without the mistake."""
 
-    text: str  # what to change
+    text: str  # states which key must change
     change: Change
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
-    """Residuals of a configuration: squared, over the declared noise."""
+    """Ratio of squared residuals to declared noise, and the mistakes that explain the ratio."""
 
-    before: float
-    after: float
-    found: tuple[str, ...]  # changes of the configuration that explain them, most likely first
-    nearest: tuple[str, ...]  # those that leave least, where none explains them
+    before: float  # ratio with the configuration as it is
+    after: float  # ratio after the changes in `found` or `nearest`
+    found: tuple[str, ...]  # changes of the configuration that explain the data, in order found
+    nearest: tuple[str, ...]  # changes that help most, if they do not explain the data
     tried: int
-    mounting: str  # what the data say of the inertial unit's place and attitude; empty: they fit
+    mounting: str  # fault of the inertial unit's place or attitude; empty: both fit
     doubtful: str  # another value of arm or calibration far from its prior; empty: none
 
 
 def explain_residuals(
     config: Config, problem: Problem, blocks: Sequence[Block], progress: Callable[[str], None]
 ) -> Verdict:
-    """Return which of the usual mistakes, one after the other, explain what does not fit."""
+    """Return the mistakes that explain large residuals; search them one after the other."""
     usable = [block for block in blocks if np.abs(block.qd_rad_s).max() > 0.0]
     places = np.linspace(0, len(usable) - 1, min(BLOCKS, len(usable))).round().astype(int)
     chosen = [usable[k] for k in places]
@@ -110,7 +110,7 @@ def explain_residuals(
 def _doubted(
     config: Config, problem: Problem, blocks: Sequence[Block], level: float
 ) -> tuple[float, str, str]:
-    """Return what a wrong mounting leaves when it is freed, and words: about it, about others."""
+    """Return ratio and words on mounting and other values; a wrong mounting is estimated freely."""
     problem = with_doubtful_mounting(config, problem)
     x = _fit(problem, blocks)[1]
     kind = contradicted(problem, x)
@@ -123,14 +123,14 @@ def _doubted(
 
 
 def residual_level(problem: Problem, blocks: Sequence[Block]) -> float:
-    """Return the squared residuals of the best fit over the declared noise; inf without one."""
+    """Return the ratio of squared residuals of the best fit to declared noise; inf: no fit."""
     return _fit(problem, blocks)[0]
 
 
 def _fit(
     problem: Problem, blocks: Sequence[Block], iterations: int = ITERATIONS
 ) -> tuple[float, FloatArray]:
-    """Return the squared residuals of the best fit over the declared noise, and the state (p,)."""
+    """Return the ratio as `residual_level` does, and the state (p,) of the best fit."""
     nothing = float("inf"), problem.prior_mean
     if not blocks:
         return nothing
@@ -145,7 +145,7 @@ def _fit(
 
 
 def _freed_base(config: Config, problem: Problem, blocks: Sequence[Block]) -> tuple[float, str]:
-    """Return what a base that nobody knows would leave of the residuals, and words about it."""
+    """Return the ratio left if the known base is estimated, and words on the base found."""
     own = config.bodies.get("base")
     key = "the URDF's root link" if own is None else "bodies.base"
     pi = problem.model.pi_links[:PARAMETERS] if own is None else body_prior(own)[0]
@@ -165,7 +165,7 @@ def _freed_base(config: Config, problem: Problem, blocks: Sequence[Block]) -> tu
     try:
         freed = config.with_sections(bodies=bodies, unknown=("base", *config.unknown))
         wider = build_problem(freed, problem.model)
-    except ConfigError:  # such as of a base that is clamped
+    except ConfigError:  # such as for a clamped base
         return float("inf"), ""
     level, x = _fit(wider, blocks, FREED_ITERATIONS)
     found_kg = x[wider.body("base")][0]
@@ -176,7 +176,7 @@ def _freed_base(config: Config, problem: Problem, blocks: Sequence[Block]) -> tu
 
 
 def usual_mistakes(config: Config, problem: Problem) -> list[Mistake]:
-    """Return the mistakes that blocks can show."""
+    """Return the mistakes to try for the joints and the inertial unit of a configuration."""
     of_imu = _imu_mistakes(config) if config.imu.present else []
     return [*_joint_mistakes(config, problem), *of_imu]
 
@@ -220,7 +220,7 @@ def _joint_mistakes(config: Config, problem: Problem) -> list[Mistake]:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Readings:
-    """How the nodes' readings become angles and torques, joints in the model's order."""
+    """Calibration (n,) from readings of the nodes to angles and torques, in the model's order."""
 
     sign: FloatArray
     zero_rad: FloatArray
@@ -228,7 +228,7 @@ class _Readings:
     offset_nm: FloatArray
 
     def changed(self, block: Block, sign: FloatArray, torque_sign: FloatArray) -> Block:
-        """Return a block whose nodes count the other way where a sign is -1."""
+        """Return the block for readings of opposite sign: -1 in `sign` or `torque_sign` (n,)."""
         return replace(
             block,
             q_rad=sign * (block.q_rad + self.zero_rad) - self.zero_rad,
@@ -238,7 +238,7 @@ class _Readings:
         )
 
     def reordered(self, block: Block, places: NDArray[np.int64]) -> Block:
-        """Return a block in which joint k has the readings of joint `places[k]`."""
+        """Return a block in which joint k has the readings of joint `places[k]`, places (n,)."""
         sense = self.sign * self.sign[places]
         scale = sense * self.gain / self.gain[places]
         return replace(

@@ -1,7 +1,7 @@
-"""Values of arm and calibration that the data contradict, in the words of the configuration.
+"""Find values of arm and calibration that the data contradict, and name the configuration keys.
 
-The estimator takes a wrong place or attitude of the inertial unit as a state of its own and leaves
-small residuals; only its distance from its prior shows the mistake.
+Place and attitude of the inertial unit are states of the estimator, so wrong values leave small
+residuals. Only the distance of these states from their prior shows the mistake.
 """
 
 from dataclasses import replace
@@ -14,8 +14,8 @@ from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.problem import CONSPICUOUS, Problem, present
 from fsw.messages import FloatArray
 
-PLACE_M, ANGLE_RAD = 10.0, np.pi  # 1 sigma of a mounting that nobody knows
-DOUBT = {"mounting_position_sigma_m": 0.01, "mounting_angle_sigma_rad": 5e-3}  # where exact
+PLACE_M, ANGLE_RAD = 10.0, np.pi  # 1 sigma of an unknown mounting
+DOUBT = {"mounting_position_sigma_m": 0.01, "mounting_angle_sigma_rad": 5e-3}  # instead of 0
 KEYS = {
     "joint_zero": "zero_offset_rad of joints",
     "torque_scale": "torque_gain of joints",
@@ -28,7 +28,7 @@ KEYS = {
 
 
 def with_doubtful_mounting(config: Config, problem: Problem) -> Problem:
-    """Return a problem with the inertial unit's place and attitude as states."""
+    """Return the problem with place and attitude of the inertial unit, if any, as states."""
     if not config.imu.present or (present(problem.imu_place) and present(problem.imu_angle)):
         return problem
     imu = config.imu.model_dump()
@@ -37,7 +37,7 @@ def with_doubtful_mounting(config: Config, problem: Problem) -> Problem:
 
 
 def with_free_mounting(problem: Problem) -> Problem:
-    """Return a problem that knows nothing of the inertial unit's place and attitude."""
+    """Return the problem with a prior so wide that the inertial unit's mounting is unknown."""
     covariance = problem.prior_covariance.copy()
     for states, sigma in ((problem.imu_place, PLACE_M), (problem.imu_angle, ANGLE_RAD)):
         covariance[states] = 0.0
@@ -47,13 +47,13 @@ def with_free_mounting(problem: Problem) -> Problem:
 
 
 def contradicted(problem: Problem, x: FloatArray) -> str:
-    """Return the kind of the state farthest from its prior; empty: none is conspicuous."""
+    """Return the kind of the state x (p,) farthest from its prior; empty: all are near."""
     name, sigmas = problem.least_plausible(x)
     return name.partition(".")[0] if sigmas > CONSPICUOUS else ""
 
 
 def mounting_words(config: Config, problem: Problem, x: FloatArray) -> str:
-    """Return what the data say of the mounting: the key that is wrong, and its likely value."""
+    """Return words on wrong keys of the mounting and their likely values; empty: none is wrong."""
     place, angle = x[problem.imu_place], x[problem.imu_angle]
     root = np.sqrt(np.diag(problem.prior_covariance))
     states = problem.imu_place, problem.imu_angle
@@ -77,7 +77,7 @@ def mounting_words(config: Config, problem: Problem, x: FloatArray) -> str:
 
 
 def other_words(problem: Problem, x: FloatArray) -> str:
-    """Return what the data say of another value of arm or calibration."""
+    """Return words on the value of arm or calibration that is farthest from its prior."""
     name, sigmas = problem.least_plausible(x)
     kind, _, label = name.partition(".")
     words = (

@@ -1,4 +1,4 @@
-"""Rates, noise and attitude found in recorded windows beside what a configuration declares."""
+"""Compare rates, noise and attitude in recorded windows with the values of a configuration."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,17 +13,17 @@ from fsw.config import Config
 from fsw.estimators.polynomial import EXTRA_DEGREE
 from fsw.messages import ChannelWindow, FloatArray, Window
 
-OTHER_UNIT = 30.0  # times too large: degrees for radians are 57, hours under a root 60
+OTHER_UNIT = 30.0  # declared noise too large by this ratio: a wrong unit gives 57 or 60
 RATE_TOLERANCE = 0.02
-DOUBLED = 1.5  # received over declared: beyond, no edge of a short recording explains it
-NOISE_RATIO = 2.0  # found over declared, or the other way round: beyond, the declared one is wrong
-TURNED_RAD = 1e-3  # least turn between two solutions that shows the sense of rotation
-SENSE_RATIO = 0.3  # a sense whose residual is so much smaller is the right one
+DOUBLED = 1.5  # ratio of received to declared rate that the ends of a recording do not explain
+NOISE_RATIO = 2.0  # accepted ratio of found to declared noise, or of declared to found
+TURNED_RAD = 1e-3  # least rotation between two solutions that shows the sense of rotation
+SENSE_RATIO = 0.3  # another sense is correct if its residual is smaller by this ratio
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finding:
-    """One quantity: found beside declared; what is wrong or may be better, in words."""
+    """Declared and found value of one key; `wrong` and `note` are words, empty if it fits."""
 
     key: str
     declared: float
@@ -32,16 +32,16 @@ class Finding:
     note: str = ""
 
     def text(self) -> str:
-        """Return it as a line."""
+        """Return the finding as a line of text."""
         verdict = f"WRONG: {self.wrong}" if self.wrong else self.note or "fits"
         return f"{self.key}: declared {self.declared:.3g}, found {self.found:.3g}; {verdict}"
 
 
 def rate_findings(config: Config, windows: Sequence[Window], datagrams: int) -> list[Finding]:
-    """Return the rates of all channels, from the median distance of their samples.
+    """Return a finding for the rate of each channel, from the median step between samples.
 
-    The inertial unit's is that of all received `datagrams`: at another rate than declared the rest
-    is rejected. The windows are at least one.
+    If far more `datagrams` are received than declared, the rate of the inertial unit is that of the
+    datagrams, because samples between the declared ones are rejected. `windows` is not empty.
     """
     found = []
     for i, bus in enumerate(config.buses):
@@ -76,7 +76,7 @@ def _rate_of(steps_ns: NDArray[np.generic]) -> float:
 def _compared(
     key: str, declared_hz: float, found_hz: float, rates_hz: Sequence[float] = ()
 ) -> Finding:
-    """Compare a rate; `rates_hz` are those that the device has, where it has few."""
+    """Return the finding for a rate; `rates_hz`: rates that the device offers, empty: any."""
     fits = abs(found_hz / declared_hz - 1.0) <= RATE_TOLERANCE
     near_hz = min(rates_hz, key=lambda rate_hz: abs(rate_hz - found_hz), default=found_hz)
     words = f"set {key} to {near_hz:.4g}" if found_hz else "no samples are used; see the warnings"
@@ -84,7 +84,7 @@ def _compared(
 
 
 def noise_findings(config: Config, windows: Sequence[Window]) -> list[Finding]:
-    """Compare the noise of every channel, the residuals of polynomial fits, with the declared."""
+    """Return a finding for the noise of each channel, which is the residual of polynomial fits."""
     found = []
     low = config.estimator.nodes - 1
     high = low + EXTRA_DEGREE
@@ -119,7 +119,7 @@ def _gyro(windows: Sequence[Window]) -> list[ChannelWindow]:
 
 
 def _noise(channels: Sequence[ChannelWindow], column: int, degree: int) -> float:
-    """Return 1 sigma of a channel's samples about a polynomial, the median over its windows."""
+    """Return the median over the windows of 1 sigma about a polynomial; 0: too few samples."""
     sigmas = []
     for channel in channels:
         values = channel.values[:, column] if len(channel.t_ns) else np.empty(0)
@@ -150,7 +150,7 @@ def _noise_finding(key: str, declared: float, found: float) -> Finding:
 
 
 def tracker_findings(config: Config, windows: Sequence[Window]) -> list[str]:
-    """Return what turns between successive solutions say beside the gyro's; empty: they fit."""
+    """Return a line if the tracker's rotations differ from the gyro's or are too few, else none."""
     tracker = config.star_tracker
     if tracker is None or not any(len(window.gyro.t_ns) for window in windows):
         return []
@@ -191,7 +191,7 @@ def tracker_findings(config: Config, windows: Sequence[Window]) -> list[str]:
 
 
 def _turns(windows: Sequence[Window], R_BS: Rotation) -> tuple[FloatArray, FloatArray]:
-    """Return times and the integral of the gyro in B; turns are small enough to be added."""
+    """Return times (k,) [ns] and the gyro's integral (k, 3) [rad] in B, for small rotations."""
     t_ns = np.concatenate([window.gyro.t_ns for window in windows])
     rates = R_BS.apply(np.concatenate([window.gyro.values for window in windows]))
     steps = np.diff(t_ns, prepend=t_ns[:1]) * 1e-9

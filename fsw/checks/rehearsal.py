@@ -1,8 +1,8 @@
-"""One dry update: whether estimation with a configuration works at all, before it is in force.
+"""One dry update, which shows whether estimation works with a configuration before its use.
 
-Bounds of single values do not say whether they go together. So conditioning and the online
-estimator are made as the loop makes them, and given a window of a gentle motion, twice: the second
-time does what background work the first has left.
+Bounds of single values do not show whether the values suit each other. So this module builds
+conditioner and online estimator as the loop does and gives them a window of gentle motion, twice:
+the second update also does the background work that the first one has left.
 """
 
 from dataclasses import replace
@@ -22,11 +22,11 @@ SPEED_RAD_S, TORQUE_NM, RATE_RAD_S, FORCE_M_S2 = 0.05, 0.1, 1e-3, 1e-3
 
 
 def rehearse(config: Config, problem: Problem) -> None:
-    """Make one dry update.
+    """Make one dry update with synthetic samples.
 
     Raises
     ------
-    ConfigError when it fails, or its estimate is not proper.
+    ConfigError when the update fails or resets the estimator, or the estimate is not finite.
     """
     try:
         with np.errstate(all="ignore"):
@@ -48,11 +48,11 @@ def _update(config: Config, problem: Problem, estimator: Estimator) -> Estimate:
     if block is None:
         raise ConfigError("a dry update fails: a window of correct samples gives no block")
     estimator.push(block)
-    return estimator.push(replace(block, index=block.index + 1))  # and what is due
+    return estimator.push(replace(block, index=block.index + 1))  # does the background work too
 
 
 def _window(config: Config) -> Window:
-    """Return a window of every sensor's samples, in which joints and wheels speed up gently."""
+    """Return a window with samples of all sensors, in which joints and wheels speed up gently."""
     window_s = config.estimator.window_s
     rates = {bus.name: bus.rate_hz for bus in config.buses}
     joints = []
@@ -85,7 +85,7 @@ def _window(config: Config) -> Window:
 
 
 def _pulse(window_s: float, rate_hz: float) -> tuple[FloatArray, FloatArray]:
-    """Return times and states of a valve that opens after the first of its reports."""
+    """Return times (k,) [s] and values (k, 2) of a valve that opens after its first report."""
     t_s = _times_s(window_s, rate_hz)
     is_open = (t_s > t_s[0]).astype(np.float64)
     return t_s, np.stack([is_open, np.diff(is_open, prepend=0.0)], axis=1)

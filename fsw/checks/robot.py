@@ -1,4 +1,4 @@
-"""The robot of a configuration: a readable URDF, joints that can be used, bodies that can be."""
+"""Check the robot of a configuration: readable URDF, usable joints, physically possible bodies."""
 
 import os
 from math import tau
@@ -19,19 +19,19 @@ from fsw.messages import FloatArray
 from fsw.messages.errors import ConfigError
 
 ROOT_LINK = "the root link"
-WIDE_M = 50.0  # across a link: rather an inertia in kg mm^2, or a mass in tonnes
-DENSE_KG_M3 = 25_000.0  # above osmium: rather a mass in grams
-TURNS_RAD = 2.0 * tau  # of a joint: either way more is rather in degrees,
-MOST_DEGREES = 720.0  # up to this; a joint that turns for ever has wider limits
-FAR_M = 10.0  # between two joints: rather millimetres or centimetres
+WIDE_M = 50.0  # a wider link has probably an inertia in kg mm^2 or a mass in tonnes
+DENSE_KG_M3 = 25_000.0  # denser than osmium: the mass is probably in grams
+TURNS_RAD = 2.0 * tau  # a joint limit above this, up to MOST_DEGREES, is probably in degrees
+MOST_DEGREES = 720.0  # joints that may turn endlessly have wider limits
+FAR_M = 10.0  # a larger distance of two joints is probably in millimetres or centimetres
 
 
 def load_problem(config: Config) -> Problem:
-    """Read the robot model and lay out the estimation problem.
+    """Read the robot model and return the estimation problem of a configuration.
 
     Raises
     ------
-    ConfigError when robot, tool frame, joints or bodies do not go together.
+    ConfigError when robot, tool frame, joints or bodies do not suit each other.
     """
     urdf = config.resolve(config.robot.urdf)
     _check_urdf(urdf)
@@ -44,11 +44,11 @@ def load_problem(config: Config) -> Problem:
 
 
 def read_model(urdf: Path, tool_frame: str) -> RobotModel:
-    """Read the model; what the URDF library only prints and then ignores is a fault here.
+    """Return the robot model; errors that the URDF library only prints count as faults.
 
     Raises
     ------
-    ConfigError when this software cannot use it.
+    ConfigError when this software cannot use the model.
     """
     with TemporaryFile() as said:
         stderr = os.dup(2)
@@ -67,7 +67,7 @@ def read_model(urdf: Path, tool_frame: str) -> RobotModel:
 
 
 def _library_words(said: IO[bytes], urdf: Path) -> str:
-    """Return the first error the URDF library printed, as one line; empty when there is none."""
+    """Return the first error that the URDF library printed, as one line; empty: no error."""
     said.seek(0)
     for line in said.read().decode(errors="replace").splitlines():
         if line.startswith("Error:"):
@@ -98,7 +98,7 @@ def _check_masses(config: Config, model: RobotModel) -> None:
 
 
 def inertia_warnings(config: Config, model: RobotModel) -> list[str]:
-    """Return a line per known link whose data are hardly those of a robot."""
+    """Return a line for each known link or joint whose data are implausible for a robot."""
     massless = [
         f"robot.urdf: {link} has no mass; is its <inertial> missing?"
         for link, pi in _known_links(config, model)
@@ -152,19 +152,19 @@ def _impossible(config: Config, model: RobotModel) -> list[str]:
 
 
 def _known_links(config: Config, model: RobotModel) -> list[tuple[str, FloatArray]]:
-    """Return what the URDF says of every link that no section `bodies` replaces."""
+    """Return name and parameters (10,) of each link of the URDF, without a configured base."""
     names = [ROOT_LINK, *(f"the link moved by {name!r}" for name in model.joint_names)]
     links = list(zip(names, model.pi_links.reshape(-1, PARAMETERS), strict=True))
     return links[1:] if "base" in config.bodies else links
 
 
 def _size_m(pi: FloatArray) -> float:
-    """Return the side of the cube that has the mass and the mean central moment of a body."""
+    """Return the side [m] of a cube with the mass and mean central moment of the body pi (10,)."""
     central = pi[[4, 6, 9]].sum() - 2.0 * float(pi[1:4] @ pi[1:4]) / pi[0]
     return float(np.sqrt(6.0 * max(central / 3.0, 0.0) / pi[0]))
 
 
 def _possible(pi: FloatArray) -> bool:
-    """Return whether a body can have these parameters; point masses and thin rods can."""
+    """Return whether a body with parameters pi (10,) is possible, point or thin rod included."""
     moments = np.linalg.eigvalsh(pseudo_inertia(pi))
     return bool(moments[0] >= -1e-9 * moments[-1])

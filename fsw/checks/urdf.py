@@ -1,7 +1,7 @@
-"""A robot's URDF before the library reads it: bounded, in UTF-8, a tree, with numbers that can be.
+"""Check a URDF before the library reads it: size, UTF-8, tree of links, plausible numbers.
 
-The library recurses through links and elements: thousands of either end the process. It also reads
-numbers that no robot has, and says nothing.
+The library recurses through links and elements, and thousands of them crash the process. It also
+accepts numbers that no robot has.
 """
 
 import xml.etree.ElementTree as ET
@@ -17,7 +17,7 @@ MAX_ELEMENTS = 20_000
 MAX_DEPTH = 32
 _INERTIA = dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), MAX_INERTIA_KG_M2)
 _LIMIT = dict.fromkeys(("lower", "upper", "effort", "velocity"), 1e9)
-LARGEST: dict[str, dict[str, float]] = {  # absolute value, by element and attribute
+LARGEST: dict[str, dict[str, float]] = {  # largest absolute value by element and attribute
     "origin": {"xyz": MAX_LENGTH_M, "rpy": 6.3},
     "mass": {"value": MAX_MASS_KG},
     "inertia": _INERTIA,
@@ -27,7 +27,7 @@ LARGEST: dict[str, dict[str, float]] = {  # absolute value, by element and attri
 
 
 class _Bounded(ET.TreeBuilder):
-    """Builds the tree of a document without a document type, as long as it keeps the bounds."""
+    """Builds the tree of a document; raises ConfigError for a document type or an excess."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -51,11 +51,11 @@ class _Bounded(ET.TreeBuilder):
 
 
 def check_urdf(content: bytes) -> None:
-    """Check a URDF as far as that is possible without its library.
+    """Check the content of a URDF file as far as possible without the URDF library.
 
     Raises
     ------
-    ConfigError whose text follows the file's name.
+    ConfigError with a text that the caller puts after the file's name.
     """
     if (kind := kind_of(content)) not in ("", URDF):
         raise ConfigError(f"is {kind}, no URDF")
@@ -80,7 +80,7 @@ def check_urdf(content: bytes) -> None:
 
 
 def _check_numbers(root: ET.Element) -> None:
-    """Refuse numbers beyond what a robot can have; words that are none are the library's matter."""
+    """Raise ConfigError for numbers that no robot has; the library reports words among them."""
     for element in root.iter():
         for name, largest in LARGEST.get(element.tag, {}).items():
             for word in element.get(name, "").split():

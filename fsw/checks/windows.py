@@ -1,4 +1,4 @@
-"""Windows of a configuration: samples in one, when they have come, and modes that it can hold."""
+"""Check the windows of a configuration: number of samples, lag, and frequency of modes."""
 
 from operator import itemgetter
 
@@ -6,13 +6,13 @@ from fsw.checks import budget
 from fsw.config import Config
 from fsw.estimators.polynomial import EXTRA_DEGREE
 
-MIN_WINDOW_SAMPLES = 8  # of each channel, at the configured rate
-MAX_WINDOW_SAMPLES = 20_000  # of the fastest: a window is one polynomial
-NODES_PER_PERIOD = 4.0  # fewer, and a window's polynomial misses a tenth of a swing, or more
+MIN_WINDOW_SAMPLES = 8  # least samples of each channel in a window
+MAX_WINDOW_SAMPLES = 20_000  # most samples of the fastest channel: a window is one polynomial
+NODES_PER_PERIOD = 4.0  # with fewer, the window's polynomial misses a tenth of a swing or more
 
 
 def window_faults(config: Config) -> list[str]:
-    """Return a line per channel with too few samples in a window, or too many."""
+    """Return a line for each channel with too few samples in a window, or too many."""
     estimator = config.estimator
     position_terms = estimator.nodes + EXTRA_DEGREE
     channels = [
@@ -54,7 +54,7 @@ def window_faults(config: Config) -> list[str]:
 
 
 def lag_faults(config: Config) -> list[str]:
-    """Return a line per sensor whose samples come after the window has closed."""
+    """Return a line for each sensor whose samples arrive after the window has closed."""
     scheduler, lag_s = config.scheduler, config.estimator.lag_s
     delays = {
         f"joints on buses.{i} (one cycle, the kernel's queues, one tick)": budget.joint_delay_s(
@@ -86,7 +86,7 @@ def lag_faults(config: Config) -> list[str]:
 
 
 def mode_warnings(config: Config) -> list[str]:
-    """Return a line per mode that swings faster than the nodes of a window follow."""
+    """Return a line for each mode that swings too fast for the nodes of a window."""
     estimator = config.estimator
     most_hz = estimator.nodes / (NODES_PER_PERIOD * estimator.window_s)
     return [
