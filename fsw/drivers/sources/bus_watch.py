@@ -1,12 +1,11 @@
-"""Compares answers with SYNCs: lost, doubled, late, overtaken frames; silent, restarted nodes.
+"""Compares answers with SYNCs: finds lost, doubled, late and overtaken frames, and silent nodes.
 
-A SYNC is settled three SYNCs later: until then a frame may be late and no cause is known. If every
-node misses it, it is the SYNC that was lost, not the answers; if most answer twice, it was doubled.
-Everything is counted in SYNCs, so a loop that was late itself finds nothing wrong.
+A SYNC is settled (judged) three SYNCs later, because its answers may be late. If no node answered a
+SYNC, the SYNC was lost and not the answers; if most nodes answered twice, the SYNC was doubled.
+Delays are counted in SYNCs, so that a late loop finds nothing wrong.
 
-Most batches are as they should be: every node answers every SYNC once, in order and in time. Then
-nothing can be found, which a few comparisons of arrays show; any other batch is judged event by
-event.
+In most batches every node answers every SYNC once, in order and in time. Then nothing can be found,
+which a few comparisons of arrays show. Any other batch is judged event by event.
 """
 
 from collections import deque
@@ -20,12 +19,12 @@ from fsw.messages import IntArray
 from fsw.messages.findings import Fault, Finding
 
 SETTLE_SYNCS = 3
-ESTABLISHED_SYNCS = 50  # a node that answers for longer has started; its next boot-up is another
+ESTABLISHED_SYNCS = 50  # a node that answered for longer has started; a later boot-up is a restart
 EXCUSED_SYNCS = 50  # the longest silence that a restart explains
-REPEAT_S = 0.1  # a silence that continues is reported again after so long
-BABBLE_FRAMES_PER_S = 3000.0  # of nobody's, a third of what a bus can carry
+REPEAT_S = 0.1  # a silence that continues is reported again after this time
+BABBLE_FRAMES_PER_S = 3000.0  # of frames of no configured node: a third of what a bus carries
 BABBLE_SYNCS = 3
-MAX_FINDINGS = 1024  # until they are taken; the oldest go
+MAX_FINDINGS = 1024  # kept until `take`; the oldest are discarded
 FOREVER = 1 << 62
 
 
@@ -34,19 +33,19 @@ class Answers:
     """Answers of nodes in a batch, in order of arrival; all arrays (k,)."""
 
     node: IntArray
-    sync: IntArray  # running index of the SYNC each answers; below 0: of none
-    newest: IntArray  # running index of the newest SYNC when it came
-    row: IntArray  # in the batch
+    sync: IntArray  # running index of the SYNC that each answers; below 0: none found
+    newest: IntArray  # running index of the newest SYNC at the answer's arrival
+    row: IntArray  # row of the frame in the batch
     t_ns: IntArray
 
 
 class Mark(NamedTuple):
-    """A SYNC in a batch, a frame of nobody's, or a boot-up message."""
+    """A SYNC, a boot-up message, or a frame of no configured node, in a batch."""
 
     row: int
     t_ns: int
-    sync: int = -1  # running index of the SYNC
-    booted: int = -1  # the node
+    sync: int = -1  # running index of the SYNC; -1: no SYNC
+    booted: int = -1  # node of the boot-up message; -1: no such message
 
 
 class _Node:
@@ -55,26 +54,26 @@ class _Node:
     def __init__(self, name: str) -> None:
         self.name = name
         self.first = 0  # index of the first SYNC answered
-        self.newest = -1  # and of the newest; -1: not received yet
+        self.newest = -1  # index of the newest SYNC answered; -1: none yet
         self.excused = 0  # missing answers to SYNCs before this one are explained
-        self.silent_at = -1  # SYNC at which its silence was last reported; -1: not silent
+        self.silent_at = -1  # SYNC at which the node's silence was last reported; -1: not silent
 
     def is_explained(self, index: int) -> bool:
-        """Return whether its excuse for silence still holds."""
+        """Return whether a restart or a missing port still explains the node's silence."""
         excused = self.excused == FOREVER and self.silent_at < 0
         return excused and index - self.newest < EXCUSED_SYNCS
 
 
 class BusWatch:
-    """Bookkeeping of one bus's answers.
+    """Judges the answers of the nodes of one bus.
 
     Parameters
     ----------
-    bus : its name
-    names : joint by node
-    rate_hz : of SYNC
+    bus : name of the bus
+    names : name of the joint of each node
+    rate_hz : rate of SYNC
     silent_syncs : SYNCs without an answer that make a node silent
-    late_syncs : an answer so many SYNCs behind its own is late; one is usual
+    late_syncs : an answer this many SYNCs after its own SYNC is late; one SYNC is usual
     """
 
     def __init__(
@@ -89,7 +88,7 @@ class BusWatch:
         self._nodes = {node: _Node(names[node]) for node in sorted(names)}
         self._silent, self._late = silent_syncs, late_syncs
         self._answers: dict[int, dict[int, int]] = {}
-        self._heard = 0  # nodes received at all
+        self._heard = 0  # number of nodes received so far
         self._index = -1  # of the newest SYNC
         self._bus_silent = False
         self._strangers = 0
@@ -98,18 +97,18 @@ class BusWatch:
         self._found: deque[Finding] = deque(maxlen=MAX_FINDINGS)
 
     def take(self) -> list[Finding]:
-        """Return and forget what was found, in the order of time."""
+        """Return the findings since the last call, in order of time."""
         found = sorted(self._found, key=lambda finding: finding.t_ns)
         self._found.clear()
         return found
 
     def find(self, t_ns: int, fault: Fault, node: int | None = None, text: str = "") -> None:
-        """Note a finding about a node's joint, or about the bus."""
+        """Add a finding about a node's joint, or about the bus if `node` is None."""
         subject = self._bus if node is None else self._nodes[node].name
         self._found.append(Finding(t_ns, fault, subject, text))
 
     def feed(self, answers: Answers, syncs: Sequence[Mark], others: Sequence[Mark]) -> None:
-        """Accept a batch: the answers, the SYNCs, and other frames about nodes."""
+        """Accept a batch: the answers, the SYNCs, and the marks of other frames."""
         if not others and self._is_regular(answers, syncs):
             return
         events: list[tuple[int, int, Mark | tuple[int, int]]]
@@ -132,10 +131,10 @@ class BusWatch:
                 self.stranger()
 
     def _is_regular(self, answers: Answers, syncs: Sequence[Mark]) -> bool:
-        """Accept a batch in which nothing can be found; False: nothing was done.
+        """Accept a batch in which nothing can be found; else return False and change nothing.
 
-        Every node has answered every SYNC up to its newest once. If it continues so, each answer
-        before the third SYNC behind its own, then no SYNC is settled without all its answers.
+        Every node must have answered each SYNC up to its newest once, so far and in this batch,
+        before the third SYNC after it. Then no SYNC is settled without all its answers.
         """
         states, last = self._nodes, syncs[-1].sync if syncs else self._index
         nodes = np.fromiter(states, np.int64, len(states))
@@ -173,7 +172,7 @@ class BusWatch:
         return True
 
     def _is_settled_so_far(self) -> bool:
-        """Return whether every node answered each SYNC not settled yet once, up to its newest."""
+        """Return whether every node answered each unsettled SYNC up to its newest exactly once."""
         newest = [state.newest for state in self._nodes.values()]
         for index in range(self._index - SETTLE_SYNCS + 1, self._index + 1):
             answers = self._answers.get(index, {})
@@ -184,7 +183,7 @@ class BusWatch:
         return True
 
     def sync(self, index: int, t_ns: int) -> None:
-        """Accept a SYNC; settle an earlier one."""
+        """Accept a SYNC and settle the SYNC `SETTLE_SYNCS` before."""
         self._index = index
         self._settle(index - SETTLE_SYNCS, t_ns)
         self._watch_silence(index, t_ns)
@@ -199,7 +198,7 @@ class BusWatch:
         self._strangers += 1
 
     def answer(self, node: int, sync: int, t_ns: int) -> None:
-        """Note that a node answered a SYNC, whatever its answer is worth."""
+        """Record that a node answered a SYNC; the values of the answer may be unusable."""
         state = self._nodes[node]
         answers = self._answers.setdefault(sync, {})
         count = answers.get(node, 0)
@@ -218,14 +217,14 @@ class BusWatch:
             self.find(t_ns, Fault.JOINT_ORDER, node, "overtaken by a newer sample")
 
     def answer_of_no_sync(self, node: int) -> None:
-        """Accept a frame that cannot be matched to a SYNC: it stands for the one expected."""
+        """Accept an answer that matches no SYNC; count it as the answer expected next."""
         state = self._nodes[node]
         if state.newest >= 0:
             state.newest = max(state.newest + 1, self._index - 1)
             self._answers.setdefault(state.newest, {})[node] = 1
 
     def boot(self, node: int, t_ns: int) -> None:
-        """Accept a boot-up message; samples that miss until the next answer are explained."""
+        """Accept a boot-up message; it explains the answers missing until the next one."""
         state = self._nodes[node]
         established = state.newest - state.first >= ESTABLISHED_SYNCS
         if established and state.silent_at < 0:
@@ -234,7 +233,7 @@ class BusWatch:
             state.excused = FOREVER
 
     def without_port(self) -> None:
-        """Note that there is no port; answers missing until the next one are explained."""
+        """Record that the port is missing; this explains the answers missing until the next one."""
         for state in self._nodes.values():
             if state.newest >= 0:
                 state.excused = FOREVER
@@ -252,7 +251,7 @@ class BusWatch:
         if len(answers) < self._heard:
             self._settle_missing(index, t_ns, answers)
         for old in [key for key in self._answers if key < index]:
-            del self._answers[old]  # answers to a SYNC settled before
+            del self._answers[old]  # answers to a SYNC that was settled before
 
     def _settle_missing(self, index: int, t_ns: int, answers: Mapping[int, int]) -> None:
         lost = [

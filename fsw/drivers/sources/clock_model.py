@@ -1,9 +1,9 @@
-"""A device's clock seen from the host: the straight line under all arrivals.
+"""Model of a device's clock against the host's: the straight line under all arrivals.
 
-An item stamped n by the device is never seen before it was sent, only later by a delay that is at
-least zero. So t = offset + tick n lies under every observation, and the earliest of them carry the
-information. Minima of short bins over the last minute are kept; the line is the edge of their lower
-convex hull at the mean abscissa (the support line with the least summed distance to the points).
+The host sees an item with device time n when it was sent plus a delay that is never negative. So
+the line t = offset + tick n lies under every observation, and the earliest observations define it.
+The minima of short bins over the last minute are kept. The line is the edge of their lower convex
+hull at the middle of their times, about the support line with least summed distance to the points.
 """
 
 import itertools
@@ -17,8 +17,8 @@ from fsw.messages import FloatArray, IntArray
 BIN_S = 0.25
 SPAN_S = 60.0
 MIN_RATE_SPAN_S = 0.5  # below it only the offset is fitted
-CONTRADICTION_NS = 10e6  # all arrivals later than that ...
-CONTRADICTION_BINS = 4  # ... in as many bins: the device's time has jumped
+CONTRADICTION_NS = 10e6  # if all arrivals are later than the model by this ...
+CONTRADICTION_BINS = 4  # ... in this many bins in a row, the device's time has jumped
 
 _Point = tuple[float, float]  # device time since the first observation [s], residual [ns]
 
@@ -29,7 +29,7 @@ class ClockModel:
     Parameters
     ----------
     tick_s : nominal length of one device tick [s]
-    tolerance_ppm : bound of the rate error
+    tolerance_ppm : bound of the rate error [ppm]
     """
 
     def __init__(self, tick_s: float, tolerance_ppm: float) -> None:
@@ -38,7 +38,7 @@ class ClockModel:
         self.reset()
 
     def reset(self) -> None:
-        """Forget every observation."""
+        """Discard every observation."""
         self._n0 = 0
         self._t0_ns = 0
         self._empty = True
@@ -61,7 +61,7 @@ class ClockModel:
         return self._slope * 1e-3
 
     def observe(self, n: int, t_ns: int, rest_ns: float) -> None:
-        """Note that the item of device time n had been seen by host time t_ns + rest_ns."""
+        """Record that the item of device time n [ticks] arrived by host time t_ns + rest_ns."""
         if self._empty:
             self._empty = False
             self._n0, self._t0_ns, self._offset_ns = n, t_ns, rest_ns
@@ -81,18 +81,18 @@ class ClockModel:
     def follow(
         self, n: IntArray, t_ns: IntArray, rest_ns: FloatArray, known: IntArray
     ) -> FloatArray:
-        """Note items (k,) in order and return the host times the model gives them.
+        """Record k items in order; return the model's host times of m items.
 
-        `observe` and `predict_ns` give the same values one by one.
+        The result is that of `observe` and `predict_ns` called item by item.
 
         Parameters
         ----------
-        n : (m,) device times; the first k were seen by host time t_ns + rest_ns, (k,) each
-        known : (m,) how many of the k the model may know for each of the m
+        n : (m,) device times [ticks]; the first k items arrived by t_ns + rest_ns, (k,) [ns]
+        known : (m,) how many of the k observations the model may use for each host time
 
         Returns
         -------
-        (m,) host time less the model's whole reference `reference_ns` [ns]
+        (m,) host times less `reference_ns` [ns]
         """
         count = len(t_ns)
         x = (n - self._n0) * self._tick_s
@@ -118,11 +118,11 @@ class ClockModel:
 
     @property
     def reference_ns(self) -> int:
-        """Whole reference of the host times that `follow` returns [ns]."""
+        """Host time that must be added to the times that `follow` returns [ns]."""
         return self._t0_ns
 
     def predict_ns(self, n: int) -> tuple[int, float]:
-        """Return host time of device time n as a whole reference [ns] and the rest [ns]."""
+        """Return the host time of device time n as the sum of an integer and a rest [ns]."""
         x = (n - self._n0) * self._tick_s
         return self._t0_ns, x * 1e9 + self._offset_ns + self._slope * x
 
@@ -132,7 +132,7 @@ class ClockModel:
         return rest - (t_ns - reference)
 
     def device_time(self, t_ns: float) -> float:
-        """Return the device time the model gives for host time t_ns [ticks]."""
+        """Return the device time [ticks] that the model gives for host time t_ns."""
         seconds = (t_ns - self._t0_ns - self._offset_ns) / (1e9 + self._slope)
         return self._n0 + seconds / self._tick_s
 
@@ -172,7 +172,7 @@ class ClockModel:
 
 
 def _append(hull: list[_Point], point: _Point) -> None:
-    """Extend a lower convex hull by a point to the right of it."""
+    """Extend a lower convex hull by a point to its right."""
     x, r = point
     while hull and hull[-1][0] >= x:
         if hull[-1][1] <= r:

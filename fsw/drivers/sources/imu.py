@@ -26,9 +26,9 @@ from fsw.messages import FloatArray, ImuSamples, IntArray, joined
 from fsw.messages.findings import Fault, Finding
 
 SUBJECT = "imu"
-MIN_LATENCY_LIMIT_S = 0.01  # a latency field above this and above two periods is no latency
-JITTER_SAMPLES, JITTER_OF = 3, 16  # so many late ones among so many make jitter
-IRREGULAR_CHUNKS = 16  # judged one by one before a run is looked for again
+MIN_LATENCY_LIMIT_S = 0.01  # a latency above this and above two periods is invalid
+JITTER_SAMPLES, JITTER_OF = 3, 16  # this many late samples of this many are jitter
+IRREGULAR_CHUNKS = 16  # chunks judged one by one before the next search for a run
 UNUSABLE: Vector3 = (math.nan, math.nan, math.nan)
 NO_SAMPLES = ImuSamples(*np.empty((3, 0), np.int64), *np.empty((2, 0, 3)))
 _Sample = tuple[tuple[int, int, int], Vector3, Vector3]  # times [ns], rate, specific force
@@ -36,7 +36,7 @@ _REFUSED = {Step.WRONG: Reject.SEQUENCE, Step.UNTRUE: Reject.RANGE}
 
 
 def make_codec(driver: str, acc_range_g: int, crlf: bool) -> ImuCodec:
-    """Return the codec a configuration names."""
+    """Return the codec of a driver; raise ValueError for an unknown driver."""
     if driver == "stim300":
         return Stim300Codec(acc_range_g, crlf)
     if driver == "mip":
@@ -47,10 +47,10 @@ def make_codec(driver: str, acc_range_g: int, crlf: bool) -> ImuCodec:
 class ImuSource:
     """One inertial unit.
 
-    The unit's counter, not the arrival, gives a sample its time: device time n is mapped to host
-    time by a clock model fitted under all arrivals less latency field and serialisation. A sample's
-    time uses the observations of all chunks before the one that holds its last byte, and that one
-    as far as it bounds the sample itself; so it is known at once and does not depend on junk.
+    The unit's counter gives a sample its time, not the arrival. A clock model maps device time to
+    host time; it is fitted under all arrivals less latency field and serialisation time. A sample's
+    time uses the chunks before the one with its last byte, and of that chunk only the bound of the
+    sample itself. So the time is known at once and does not depend on junk.
     """
 
     def __init__(
@@ -89,15 +89,15 @@ class ImuSource:
 
     @property
     def clock_rate_error_ppm(self) -> float:
-        """Rate error of the unit's clock as fitted."""
+        """Fitted rate error of the unit's clock."""
         return self._clock.rate_error_ppm
 
     def findings(self) -> list[Finding]:
-        """Return and forget what was found wrong."""
+        """Return the findings since the last call."""
         return self._watch.take()
 
     def watch(self, now_ns: int, *, up: bool) -> None:
-        """Look whether the unit has fallen silent; everything received has been fed."""
+        """Find out whether the unit is silent; call this after feeding all that was received."""
         self._watch.watch(now_ns, up=up)
 
     def feed(self, chunks: Sequence[ByteChunk]) -> ImuSamples:
@@ -120,10 +120,10 @@ class ImuSource:
         )
 
     def _follow(self, run: ImuRun) -> ImuSamples | None:
-        """Accept a run of datagrams that follow one another; None, and nothing done, for another.
+        """Accept a run of datagrams without a gap; else return None and change nothing.
 
-        Every datagram stands in one chunk, whose bytes are all accepted: that alone bounds its
-        arrival.
+        Every datagram lies in one chunk, whose bytes are all accepted, so this chunk alone bounds
+        the datagram's arrival.
         """
         counts = [len(chunk.data) // run.length for chunk in run.chunks]
         t_ns = np.repeat(np.array([chunk.t_ns for chunk in run.chunks], np.int64), counts)
@@ -141,14 +141,14 @@ class ImuSource:
         arrivals = self._arrivals
         first = self._codec.framer.pass_over(run.chunks)
         self._observe(arrivals.finish_whole())
-        # of each datagram: bytes of its chunk up to its end, and datagrams of the chunks before
+        # per datagram: datagrams in earlier chunks, its end in its chunk [bytes], its chunk's size
         numbers = np.array(counts)
         before = np.repeat(np.cumsum(numbers) - numbers, counts)
         ends = (np.arange(len(w)) - before + 1) * run.length
         sizes = np.repeat(numbers, counts) * run.length
         delays_ns = latency_ns + run.length * arrivals.byte_ns
         sent_ns = np.minimum(0.0, (ends - sizes) * arrivals.byte_ns) - delays_ns
-        last = len(w) - counts[-1]  # those of the last chunk are not final
+        last = len(w) - counts[-1]  # datagrams of the last chunk are not final
         predicted_ns = self._clock.follow(indexes, t_ns[:last], sent_ns[:last], before)
         predicted_ns += self._clock.reference_ns - t_ns
         self._look_at_all(sent_ns - predicted_ns, t_ns)
@@ -173,7 +173,7 @@ class ImuSource:
         )
 
     def _observe(self, done: list[Arrival]) -> None:
-        """Let the clock model see arrivals that are final."""
+        """Give final arrivals to the clock model."""
         arrivals = self._arrivals
         for arrival in done:
             bound_ns = arrival.bound_ns(arrivals.bytes_in_chunk, arrivals.byte_ns)
@@ -191,7 +191,7 @@ class ImuSource:
         return sent_ns
 
     def _one_by_one(self, chunks: Sequence[ByteChunk]) -> ImuSamples:
-        """Accept chunks of any content."""
+        """Accept chunks of any content and return the samples they complete."""
         samples: list[_Sample] = []
         for chunk in chunks:
             frames = self._codec.framer.feed(chunk)
@@ -204,7 +204,7 @@ class ImuSource:
         return ImuSamples(gyro_ns, acc_ns, receive_ns, np.array(rates), np.array(forces))
 
     def _plausible(self, frames: list[Frame]) -> list[tuple[Frame, ImuDatagram]]:
-        """Decode frames and drop those whose values no working unit sends."""
+        """Decode frames and reject those whose values no working unit sends."""
         good = []
         for frame in frames:
             datagram = self._codec.decode(frame)
@@ -265,13 +265,13 @@ class ImuSource:
         t_ns = frame.pieces[-1].t_ns
         if self._track.is_repeated(counter):
             self._watch.find(t_ns, Fault.IMU_DUPLICATE)
-            return  # it stands for no sample that is missing now
+            return  # a repeated datagram replaces no missing sample
         self._watch.refused(t_ns, frame.skipped)
         fault = Fault.IMU_LATENCY if step is Step.UNTRUE else Fault.IMU_COUNTER
         self._watch.find(t_ns, fault, f"counter {counter}")
 
     def _look_at_status(self, datagram: ImuDatagram, t_ns: int) -> None:
-        """Find clusters that their own status makes unusable (STIM300, data sheet 7.5.2.1)."""
+        """Report clusters that their status makes unusable (STIM300 data sheet, 7.5.2.1)."""
         gyro, acc = datagram.gyro_status, datagram.acc_status
         if not gyro | acc:
             return
@@ -287,7 +287,7 @@ class ImuSource:
                 self._watch.find(t_ns, found, f"status 0x{status:02x}")
 
     def _look_at_all(self, late_ns: FloatArray, t_ns: IntArray) -> None:
-        """Look at the lateness of samples (k,) in order."""
+        """Judge the lateness of samples (k,) in order."""
         if np.count_nonzero(late_ns > self._jitter_ns):
             for late, time_ns in zip(late_ns.tolist(), t_ns.tolist(), strict=True):
                 self._look_at_lateness(late, time_ns)
@@ -302,7 +302,7 @@ class ImuSource:
             self._watch.find(t_ns, Fault.IMU_JITTER, text)
 
     def _release(self, samples: list[_Sample]) -> None:
-        """Give the accepted datagrams of one chunk their times."""
+        """Give the accepted datagrams of one chunk their times and add them to the samples."""
         for arrival, datagram in self._group:
             base_ns, sent_ns = arrival.t_receive_ns, self._sent_ns(arrival)
             times_ns = (

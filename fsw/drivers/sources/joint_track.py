@@ -1,4 +1,4 @@
-"""Joint nodes: calibration, plausibility and bookkeeping of their samples."""
+"""Joint nodes: calibration, plausibility and counters of their samples."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
@@ -20,34 +20,34 @@ from fsw.drivers.wire import Reject
 from fsw.messages import FloatArray, IntArray
 from fsw.messages.findings import Fault
 
-HISTORY_SYNCS = 1024  # SYNCs over which losses are settled
-CHAIN = 3  # samples in unbroken, consistent order ...
-CHAIN_S = 0.1  # ... over at least this time are believed against the last accepted one
+HISTORY_SYNCS = 1024  # SYNCs for which accepted samples are remembered
+CHAIN = 3  # consecutive samples that are consistent with one another ...
+CHAIN_S = 0.1  # ... over at least this time are accepted, even if far from the last accepted one
 SLACK_SIGMAS = 10.0
-PART = 128  # samples of a batch that are looked at together where the whole is not regular
+PART = 128  # samples that are judged together if the whole batch is not regular
 _MASK = (1 << HISTORY_SYNCS) - 1
 
-Refused = tuple[int, Reject, Fault | None]  # place in the batch, reason, and what it shows
+Refused = tuple[int, Reject, Fault | None]  # place in the batch, reason, and fault if any
 
 
 class Calibration:
-    """Sign, zero offset, gain and offset of the joints of a bus."""
+    """Calibration of joints: sign and zero offset of positions; gain and offset of torques."""
 
     def __init__(self, joints: Sequence[JointConfig]) -> None:
         units = [1.0 if joint.kind == "revolute" else 1.0 / tau for joint in joints]
         self._sign = np.array([joint.sign for joint in joints]) * units
-        self._zero_rad = np.array([joint.zero_offset_rad for joint in joints])  # 0 of a speed
+        self._zero_rad = np.array([joint.zero_offset_rad for joint in joints])  # 0 for a speed
         self._gain = np.array([joint.sign * joint.torque_gain for joint in joints], float)
         self._offset_nm = np.array([joint.torque_offset_nm for joint in joints])
 
     def apply(
         self, joint: IntArray, position_rad: FloatArray, torque_nm: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return positions in the URDF's zero and sign, or speeds in its sign, and torques.
+        """Return calibrated positions (or speeds) and torques, in zero and sign of the URDF.
 
-        position = sign x raw - zero_offset, where a prismatic joint counts a metre as a
-        revolution; torque = sign x gain x raw - offset; `joint` (k,) is the place of each value's
-        joint in the list given at the beginning.
+        position = sign x raw - zero_offset, where a raw revolution of a prismatic joint is a
+        metre; torque = sign x gain x raw - offset. `joint` (k,) is the place of each value's joint
+        in the list given to the constructor.
         """
         return (
             self._sign[joint] * position_rad - self._zero_rad[joint],
@@ -55,18 +55,18 @@ class Calibration:
         )
 
     def rate(self, joint: int, rate_rad_s: float) -> float:
-        """Return the rate of one joint, in its own sign and unit."""
+        """Return the rate of one joint in its configured sign [rad/s, or m/s if prismatic]."""
         return float(self._sign[joint] * rate_rad_s)
 
 
 class JointTrack:
-    """State of one joint between batches; a rejected sample changes only counters."""
+    """State of one joint between batches: its newest accepted sample, watch and counters."""
 
     def __init__(self, index: int, config: JointConfig, period_s: float) -> None:
         self.index = index
         self.config = config
         self.counts = Counters()
-        self.first_sync = -1  # index of the first SYNC an accepted sample came for
+        self.first_sync = -1  # index of the SYNC of the first accepted sample
         self._last_t_ns = 0
         self._last_rad = 0.0
         self._newest = 0
@@ -95,7 +95,7 @@ class JointTrack:
     def follow(
         self, sync: int, t_ns: int, position_rad: float, rate: float, count: int, equal: int
     ) -> None:
-        """Accept a regular batch by its end; see `EncoderWatch.follow`."""
+        """Accept a regular batch by the values at its end; see `EncoderWatch.follow`."""
         self._encoder.follow(t_ns, position_rad, rate, count, equal)
         self._seen = (self._seen << count | (1 << count) - 1) & _MASK
         self._newest, self._last_t_ns, self._last_rad = sync, t_ns, position_rad
@@ -107,7 +107,7 @@ class JointTrack:
         if self.first_sync < 0 or first >= stop:
             return
         wanted = stop - first
-        back = self._newest - stop + 1  # of the last of them behind the newest accepted one
+        back = self._newest - stop + 1  # SYNCs from the last one to the newest accepted one
         seen = self._seen >> back if back >= 0 else self._seen << -back
         self.counts.lost += wanted - (seen & (1 << wanted) - 1).bit_count()
 
@@ -119,10 +119,10 @@ class JointTrack:
         torques_nm: Sequence[float],
         in_time: Sequence[bool],
     ) -> list[Refused]:
-        """Return which calibrated values are refused, in order, and take the others as seen.
+        """Judge calibrated values in order: return which are refused and accept the others.
 
-        A node's frames never overtake one another, so a SYNC behind the last one is wrong. A torque
-        that is not a number is not judged.
+        A node's frames never overtake one another, so a sample of an older SYNC is refused. A NaN
+        torque is not judged.
         """
         refused: list[Refused] = []
         limit_nm = self.config.torque_limit_nm
@@ -176,7 +176,7 @@ class JointTrack:
 
 
 def most_rad_s(config: JointConfig) -> float | None:
-    """Return the largest speed that an encoder without position can read; None: it has one."""
+    """Return the largest plausible speed of an encoder without position; None for others."""
     if config.speed_noise_rad_s is None:
         return None
     return config.speed_limit_rad_s + SLACK_SIGMAS * config.speed_noise_rad_s
@@ -184,30 +184,30 @@ def most_rad_s(config: JointConfig) -> float | None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Readings:
-    """Calibrated values of a bus's joints in a batch, by joint and then in order; all (k,).
+    """Calibrated values of a bus's joints in a batch, sorted by joint, then in order; all (k,).
 
     An encoder without position has its speed [rad/s] in place of the position. A speed beyond the
-    limit of the joint is out of range. No other fault of a speed is judged: it may change in steps.
+    limit of the joint is out of range. Steps of a speed are not judged, because a speed may jump.
     """
 
     sync: IntArray  # running index of the SYNC
-    t_ns: IntArray  # its stamp
+    t_ns: IntArray  # stamp of the SYNC
     position_rad: FloatArray
     torque_nm: FloatArray  # NaN: not judged
     in_time: NDArray[np.bool_]
 
     def within(self, start: int, stop: int) -> "Readings":
-        """Return those in [start, stop)."""
+        """Return the rows start to stop - 1."""
         columns = (getattr(self, column.name)[start:stop] for column in fields(self))
         return Readings(*columns)
 
 
 class JointTracks:
-    """All joints of a bus.
+    """Tracks of all joints of a bus.
 
-    Most batches are regular: a joint's samples follow one another SYNC by SYNC, and their steps are
-    so alike that no running mean between the smallest and the largest rate makes one of them a
-    jump. Such a batch is accepted by a few comparisons of arrays, any other sample by sample.
+    In a regular batch a joint has a sample for every SYNC, and the rates between samples are so
+    alike that no step is a jump, wherever the running mean lies between smallest and largest rate.
+    A few comparisons of arrays accept such a batch; any other batch is judged sample by sample.
     """
 
     def __init__(self, joints: Sequence[tuple[int, JointConfig]], period_s: float) -> None:
@@ -225,15 +225,15 @@ class JointTracks:
         return iter(self._tracks)
 
     def __getitem__(self, place: int) -> JointTrack:
-        """Return a joint by its place in the list given at the beginning."""
+        """Return a joint by its place in the list given to the constructor."""
         return self._tracks[place]
 
     def judge(self, counts: Sequence[int], readings: Readings) -> list[Refused]:
-        """Return which values are refused, by place in the batch, and take the others as seen.
+        """Judge a batch: return the refused values by place in the batch and accept the others.
 
         Parameters
         ----------
-        counts : readings of each joint
+        counts : number of readings of each joint
         """
         bounds = np.concatenate([[0], np.cumsum(counts)]).tolist()
         present = [k for k, count in enumerate(counts) if count]
@@ -247,7 +247,7 @@ class JointTracks:
         return refused
 
     def _judge_parts(self, k: int, start: int, stop: int, readings: Readings) -> list[Refused]:
-        """Judge the readings of a joint that are not regular together: part by part."""
+        """Judge the readings of a joint whose batch is not regular, in parts of `PART`."""
         refused: list[Refused] = []
         for first in range(start, stop, PART):
             part = readings.within(first, min(first + PART, stop))
@@ -264,7 +264,7 @@ class JointTracks:
         return refused
 
     def _accept_regular(self, present: list[int], starts: list[int], r: Readings) -> set[int]:
-        """Accept the readings of joints whose batch is regular; return which joints these are."""
+        """Accept the readings of joints whose batch is regular; return these joints' places."""
         tracks = [self._tracks[k] for k in present]
         size, heads, owners = len(r.sync), np.array(starts), np.array(present)
         stops = np.append(heads[1:], size)
@@ -313,7 +313,7 @@ class JointTracks:
 
 
 def _steps(values: NDArray[Any], heads: NDArray[np.intp], before: NDArray[Any]) -> NDArray[Any]:
-    """Return steps (k,) between values, those at `heads` from the values `before` them."""
+    """Return steps (k,) from value to value; at `heads` the step from the value in `before`."""
     steps = np.empty_like(values)
     np.subtract(values[1:], values[:-1], out=steps[1:])
     steps[heads] = values[heads] - before

@@ -23,15 +23,15 @@ from fsw.drivers.wire import MAX_DATA_BYTES, CanFrame, FrameArray, Reject, frame
 from fsw.messages import IntArray, JointSamples, joined
 from fsw.messages.findings import Fault, Finding
 
-LOST_AFTER_NS = 100_000_000  # a SYNC without a sample for so long counts as a lost sample
-MOST_SYNCS = HISTORY_SYNCS // 2  # of a batch; a longer one is cut, or losses would be forgotten
+LOST_AFTER_NS = 100_000_000  # a SYNC without a sample after this time counts as a lost sample
+MOST_SYNCS = HISTORY_SYNCS // 2  # per batch; a longer batch is split, so that every loss is counted
 MAX_EVENTS = 256
 ERROR_BUS_OFF, ERROR_RESTARTED = 0x040, 0x100  # classes of a SocketCAN error frame
 _FAULT_OF_REJECT = {
     Reject.LENGTH: Fault.JOINT_LENGTH,
     Reject.STALE: Fault.JOINT_COUNTER,
 }
-_FAULT_OF_STATUS = (  # first that holds; what makes the whole sample unusable
+_FAULT_OF_STATUS = (  # the first match gives the fault of an unusable sample
     (canopen.STATUS_TEST_DATA, Fault.NODE_TEST_DATA),
     (canopen.STATUS_SYNC_LOST, Fault.NODE_NO_SYNC),
     (0xFF, Fault.ENCODER_FAULT),
@@ -42,8 +42,8 @@ class JointBusSource:
     """Every joint node of one bus.
 
     A sample's time of validity is the stamp of the SYNC that latched it plus the latch offset.
-    Frames of other services are routed to events or ignored, and never count as rejects. A joint's
-    lost samples are the SYNCs after its first accepted one that are 0.1 s old and have none.
+    Frames of other services become events or are ignored; they never count as rejects. A sample is
+    lost if a SYNC after the joint's first accepted sample has no sample after 0.1 s.
     """
 
     def __init__(
@@ -70,13 +70,13 @@ class JointBusSource:
         self._calibration = Calibration(configs)
         self._indexes = np.array([i for i, _ in joints], np.int64)
         self._ids = np.array([config.node_id for config in configs], np.int64)
-        self._place = np.full(canopen.NODE_MASK + 1, -1)  # of a node's joint among these
+        self._place = np.full(canopen.NODE_MASK + 1, -1)  # of a node's joint in `joints`; -1: none
         self._place[self._ids] = np.arange(len(joints))
         self._is_fd = np.array([config.format == "fd" for config in configs])
         self._senses_torque = np.array([config.torque != "none" for config in configs])
         self._speed_only = np.array([config.speed_only for config in configs])
         self._lengths = np.where(self._is_fd, canopen.FD_TPDO1_BYTES, canopen.TPDO1_BYTES)
-        self._counts = Counters()  # what belongs to no joint
+        self._counts = Counters()  # of frames of no configured joint
         self._states: dict[int, int] = {}
         self._other_frames = 0
         self._errors = BusErrors()
@@ -112,9 +112,10 @@ class JointBusSource:
         return dict(self._states)
 
     def motor_side(self) -> dict[str, dict[str, float]]:
-        """Return the newest slow values of every joint that sends TPDO2, in the joint's own sign.
+        """Return the newest TPDO2 values of every joint that sends them, by name.
 
-        `velocity_rad_s`, `motor_torque_ratio` (of the rated torque), `temperature_degc`, by name.
+        `velocity_rad_s` and `motor_torque_ratio` (of the rated torque) have the joint's configured
+        sign; `temperature_degc` is the third value.
         """
         values = {}
         for place, data in sorted(self._slow.items()):
@@ -129,17 +130,17 @@ class JointBusSource:
         return values
 
     def events(self) -> list[tuple[str, str, str]]:
-        """Return and forget what an operator should know: severity, code, text."""
+        """Return the events since the last call: severity, code and text of each."""
         out = list(self._events)
         self._events.clear()
         return out
 
     def findings(self) -> list[Finding]:
-        """Return and forget what was found wrong."""
+        """Return the findings since the last call."""
         return self._watch.take()
 
     def watch(self, _now_ns: int, *, up: bool) -> None:
-        """Note whether the bus has its port; missed SYNCs then report the silent nodes."""
+        """Record whether the bus has its port (`up`); a missing port explains missing answers."""
         if not up:
             self._watch.without_port()
 
@@ -171,14 +172,14 @@ class JointBusSource:
         return samples
 
     def _slow_values(self, frames: FrameArray) -> None:
-        """Keep the newest slow frame of every joint; it is decoded when it is asked for."""
+        """Keep the newest TPDO2 of every joint; `motor_side` decodes it."""
         self._other_frames += len(frames)
         whole = picked(frames, frames["length"] == canopen.TPDO2_BYTES)
         places = self._place[whole["word"] & canopen.NODE_MASK].tolist()
         self._slow.update(zip(places, whole["data"], strict=True))
 
     def _others(self, frames: FrameArray, rows: NDArray[np.intp]) -> tuple[list[Mark], list[Mark]]:
-        """Accept what is no sample: SYNCs, error frames, slower services; return what they show."""
+        """Accept SYNCs, error frames and other services; return marks of SYNCs and of others."""
         syncs: list[Mark] = []
         others: list[Mark] = []
         part = frames.take(rows)
@@ -209,7 +210,7 @@ class JointBusSource:
         return syncs, others
 
     def _unknown(self, frames: FrameArray, rows: NDArray[np.intp]) -> list[Mark]:
-        """Count samples of nodes that are not configured."""
+        """Reject samples of nodes that are not configured; return a mark of each."""
         for row in rows.tolist():
             frame = frame_at(frames, row)
             self._counts.received_bytes += len(frame.data)
@@ -235,7 +236,7 @@ class JointBusSource:
         syncs: list[Mark],
         others: list[Mark],
     ) -> JointSamples:
-        """Judge TPDO1 frames of configured nodes; `node` (k,) is the place of each one's joint."""
+        """Return the good samples of TPDO1 frames (k,); `node` (k,) is the place of each joint."""
         t_ns, length = frames["t_ns"], frames["length"]
         whole = length == self._lengths[node]
         pdo = self._decode(frames["data"], node, whole)
@@ -286,7 +287,7 @@ class JointBusSource:
     def _decode(
         self, data: NDArray[np.uint8], node: IntArray, whole: NDArray[np.bool_]
     ) -> canopen.Tpdo1:
-        """Return the values of frames in their joints' format; those not whole have counter 0."""
+        """Decode frames in the format of their joints; a frame of a wrong length gets counter 0."""
         classic, is_fd, speed_only = canopen.decode_tpdo1, self._is_fd[node], self._speed_only[node]
 
         def fd(frames: NDArray[np.uint8]) -> canopen.FdTpdo1:
@@ -325,7 +326,7 @@ class JointBusSource:
         index: IntArray,
         status: IntArray,
     ) -> None:
-        """Refuse frames of a wrong length, of no SYNC, or whose status forbids their use."""
+        """Reject frames of a wrong length, without a SYNC, or whose status forbids their use."""
         for place in places.tolist():
             track = self._tracks[nodes[place]]
             node = track.config.node_id
@@ -342,7 +343,7 @@ class JointBusSource:
     def _report_torques(
         self, frames: FrameArray, node: IntArray, faulty: NDArray[np.bool_], status: IntArray
     ) -> None:
-        """Count accepted samples whose torque cannot be used."""
+        """Count and report accepted samples whose torque cannot be used."""
         for place in np.flatnonzero(faulty).tolist():
             self._torque_unusable += 1
             bits = int(status[place])
@@ -352,7 +353,7 @@ class JointBusSource:
             self._watch.find(t_ns, fault, owner, f"status 0x{bits:02x}")
 
     def _settle(self, syncs: list[Mark]) -> None:
-        """Count the samples that did not come for SYNCs of some age."""
+        """Count the missing samples of SYNCs that are older than `LOST_AFTER_NS`."""
         waiting = self._unsettled
         waiting += [(mark.t_ns, mark.sync) for mark in syncs]
         before_ns = syncs[-1].t_ns - LOST_AFTER_NS
@@ -364,7 +365,7 @@ class JointBusSource:
                 track.settle(first, waiting[0][1])
 
     def _route(self, frame: CanFrame, row: int) -> list[Mark]:
-        """Accept the slower services of the configured nodes; everything else is not ours."""
+        """Accept emergencies and heartbeats; return a mark of a boot-up or an unknown node."""
         self._other_frames += 1
         function, node = frame.can_id & canopen.FUNCTION_MASK, frame.can_id & canopen.NODE_MASK
         place = int(self._place[node])

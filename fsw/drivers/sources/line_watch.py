@@ -1,7 +1,7 @@
-"""Losses between two accepted frames of a serial device, judged by counts alone.
+"""Losses between two accepted frames of a serial device, judged only by counts.
 
-So many datagrams are missing by the device's own counter, and so many bytes were in no frame. A
-damaged datagram leaves its own length, one that lost bytes less; junk takes none away.
+The device's counter gives the missing datagrams, the framer gives the bytes in no frame. A damaged
+datagram leaves all its bytes, a datagram that lost bytes leaves fewer, and junk misses no datagram.
 """
 
 from collections import deque
@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 from fsw.messages.findings import Fault, Finding
 
-ESCAPED_RATIO = 1.2  # escapes make a frame longer by less
-MAX_FINDINGS = 1024  # until they are taken; the oldest go
-REPEAT_NS = 100_000_000  # a silence that continues is reported again after so long
+ESCAPED_RATIO = 1.2  # escapes lengthen a frame by less than this
+MAX_FINDINGS = 1024  # kept until `take`; the oldest are discarded
+REPEAT_NS = 100_000_000  # a silence that continues is reported again after this time
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,14 +38,14 @@ TRACKER_LINE = LineFaults(
 
 
 class LineWatch:
-    """Findings about one line.
+    """Finds faults of one serial line.
 
     Parameters
     ----------
-    faults : their names
-    subject : the device
-    period_ns : of its frames
-    silent_periods : without a frame; then it is silent
+    faults : codes of the faults
+    subject : name of the device
+    period_ns : nominal time between frames
+    silent_periods : the line is silent after this many periods without a frame
     """
 
     def __init__(
@@ -58,22 +58,22 @@ class LineWatch:
         self._reported_ns = 0
         self._skipped = 0
         self._refused = 0
-        self._excused = False  # what misses is explained: there was no port
+        self._excused = False  # missing frames are explained: there was no port
         self._found: deque[Finding] = deque(maxlen=MAX_FINDINGS)
 
     def take(self) -> list[Finding]:
-        """Return and forget what was found."""
+        """Return the findings since the last call."""
         found = list(self._found)
         self._found.clear()
         return found
 
     def find(self, t_ns: int, fault: Fault, text: str = "") -> None:
-        """Note a finding."""
+        """Add a finding about the device."""
         self._found.append(Finding(t_ns, fault, self._subject, text))
 
     def refused(self, t_ns: int, skipped: int) -> None:
         """Count an intact frame that was not used, and the bytes skipped before it."""
-        if self._last_ns is not None:  # a line that sends it is not silent
+        if self._last_ns is not None:  # a line that sends refused frames is not silent
             self._last_ns = t_ns
         self._refused += 1
         self._skipped += skipped
@@ -84,7 +84,7 @@ class LineWatch:
         return not (self._skipped or self._refused or self._excused)
 
     def followed(self, t_ns: int) -> None:
-        """Record that frames without a gap or a byte between them were accepted up to a time."""
+        """Record that frames up to a time were accepted without a gap or junk between them."""
         self._last_ns = t_ns
 
     def accepted(self, t_ns: int, skipped: int, lost: int, length: int) -> None:
@@ -93,8 +93,8 @@ class LineWatch:
         Parameters
         ----------
         skipped : bytes in no frame since the frame before
-        lost : frames missing by the device's own count since the last accepted one
-        length : of a frame in bytes
+        lost : frames missing by the device's counter since the last accepted one
+        length : length of a frame [bytes]
         """
         skipped, self._skipped = skipped + self._skipped, 0
         missing, self._refused = lost - self._refused, 0
@@ -117,7 +117,7 @@ class LineWatch:
             self.find(t_ns, self._faults.noise, f"{skipped} bytes of no frame")
 
     def watch(self, now_ns: int, *, up: bool) -> None:
-        """Report a line that has become silent; a line without its port (not up) is left out."""
+        """Report the line if it is silent; without its port (not `up`) it is not judged."""
         if not up:
             self._last_ns, self._excused = None, True
         if self._last_ns is None or now_ns - self._last_ns < self._silent_ns:

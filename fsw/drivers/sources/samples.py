@@ -1,7 +1,7 @@
-"""Samples that another program decoded: JSON messages of a recording to calibrated samples.
+"""Samples that another program decoded: turns JSON messages of a recording into samples.
 
-A message holds values as the sensor gave them, in SI units; calibration and delays of the
-configuration are applied as to values from the wire. Its stamp is the time of the sample.
+A message holds values as the sensor gave them, in SI units. Calibration and delays of the
+configuration are applied as to values from the wire, with the message's stamp as receive stamp.
 """
 
 import json
@@ -27,7 +27,7 @@ from fsw.messages import (
 from fsw.messages.findings import Finding
 
 POSITION, TORQUE = "position_rad", "torque_nm"  # of joints by name
-SPEED = "speed_rad_s"  # of those whose encoder gives no position
+SPEED = "speed_rad_s"  # of joints whose encoder gives no position
 RATE, FORCE = "w_NS_S_rad_s", "f_NS_S_m_s2"
 SPEED = "speed_rad_s"  # of wheels by name
 QUATERNION = "q_xyzw"
@@ -43,9 +43,9 @@ class SampleSource:
 
     Parameters
     ----------
-    row : values of one message as numbers, NaN where one is missing; fails on a wrong message
-    build : stamps (k,) and rows (k, width) to samples; what is out of range is left out
-    per_row : samples that a message holds
+    row : turns one message into numbers, NaN for a missing value; raises on a wrong message
+    build : turns stamps (k,) and rows (k, width) into samples, without those out of range
+    per_row : number of samples in a message
     """
 
     def __init__(self, row: Row, build: Build, per_row: int = 1) -> None:
@@ -58,11 +58,11 @@ class SampleSource:
         return self._counts.as_dict()
 
     def findings(self) -> Sequence[Finding]:
-        """Return nothing: what is wrong with the stamps was said at the import."""
+        """Return no finding: the import has already reported faults of the stamps."""
         return ()
 
     def watch(self, now_ns: int, *, up: bool) -> None:
-        """Do nothing: a recording is not silent, it has a gap."""
+        """Do nothing: silence of a sensor is not judged in a recording of decoded samples."""
 
     def feed(self, chunks: Sequence[ByteChunk]) -> Decoded:
         """Accept messages in order and return their samples."""
@@ -83,9 +83,9 @@ class SampleSource:
 
 
 def joint_samples(config: Config) -> SampleSource:
-    """Return the source of all joints: positions [rad] and torques [N m] by their names.
+    """Return the source of all joints: positions [rad] and torques [N m] by name of the joint.
 
-    Of joints with `encoder: speed` it is speeds [rad/s].
+    Joints with `encoder: speed` have speeds [rad/s] in place of positions.
     """
     joints = config.joints
     names, n = [joint.name for joint in joints], len(joints)
@@ -114,7 +114,7 @@ def joint_samples(config: Config) -> SampleSource:
 
 
 def wheel_samples(wheels: Sequence[WheelConfig]) -> SampleSource:
-    """Return the source of all reaction wheels: speeds [rad/s] by their names."""
+    """Return the source of all reaction wheels: speeds [rad/s] by name of the wheel."""
     names, n = [wheel.name for wheel in wheels], len(wheels)
     limits = np.array([wheel.speed_limit_rad_s for wheel in wheels])
     delays_ns = np.array([round(wheel.delay_s * 1e9) for wheel in wheels], np.int64)
@@ -164,7 +164,7 @@ def imu_samples(config: ImuConfig) -> SampleSource:
 
 
 def attitude_samples(config: StarTrackerConfig) -> SampleSource:
-    """Return the source of the star tracker: quaternions as it gives them, scalar last."""
+    """Return the source of the star tracker: the unit's quaternions, scalar last."""
     latency_ns = round(config.latency_s * 1e9)
 
     def row(message: Mapping[str, Any]) -> list[float]:

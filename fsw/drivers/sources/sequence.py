@@ -1,12 +1,11 @@
-"""Unwrap a device counter with the help of host time, and refuse what cannot be.
+"""Unwrap a device counter with the help of host time, and reject impossible counters.
 
-A datagram cannot come before it was measured: a counter that runs ahead of host time is wrong, and
-so is one seen twice. Host time also shows how often the counter wrapped in a silence. A unit that
-restarted looks like a row of wrong counters; after 0.1 s of them in unbroken order they are
-believed.
+A datagram cannot arrive before it was measured, so a counter ahead of host time is wrong; so is a
+repeated counter. Host time also shows how often the counter wrapped in a silence. A unit that
+restarted sends a series of wrong counters; after 0.1 s in unbroken order they are believed.
 
-The unit reports how long a datagram waited before it was sent. A wait that grew must have made the
-datagram later by as much: one that instead puts the sample ahead of the clock is untrue.
+The unit reports how long a datagram waited before it was sent (latency). A longer wait must delay
+the datagram by as much. A wait that puts the sample ahead of the clock model instead is untrue.
 """
 
 from dataclasses import dataclass
@@ -17,12 +16,12 @@ import numpy as np
 from fsw.drivers.sources.clock_model import ClockModel
 from fsw.messages import FloatArray, IntArray
 
-CHAIN_S = 0.1  # unbroken rejects that are believed to be the unit's new time
-EARLY_RATIO = 0.4  # of a sample period: earlier than the clock model than that is impossible
-LATE_S = 0.02  # the first datagram after a silence comes within this, or it is no continuation
-WRAP_RATIO = 0.9  # of the counter's period may pass with no doubt about wraps
+CHAIN_S = 0.1  # rejects in unbroken order for this long are believed to be the unit's new time
+EARLY_RATIO = 0.4  # of a sample period: a sample earlier than the model by more is impossible
+LATE_S = 0.02  # the first datagram after a silence may be later than the model by this
+WRAP_RATIO = 0.9  # of the counter's period: a longer silence may hide a wrap
 STEP_TOLERANCE = 0.1
-UNTRUE_RATIO = 0.1  # of a sample period: ahead of the clock by more, for the wait alone
+UNTRUE_RATIO = 0.1  # of a sample period: a smaller growth of the wait is not judged
 
 
 class Step(Enum):
@@ -36,7 +35,7 @@ class Step(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Counted:
-    """A counter and when it came."""
+    """A counter with the times of its datagram."""
 
     counter: int
     t_ns: int  # stamp of the chunk with the datagram's last byte
@@ -75,7 +74,7 @@ class CounterTrack:
         return self._started and counter == self._counter
 
     def check(self, item: Counted, clock: ClockModel) -> Step:
-        """Judge a counter without believing it yet; `accept` does so for NEXT and RESTART."""
+        """Judge a counter without accepting it; call `accept` after NEXT or RESTART."""
         if not self._started:
             return Step.NEXT
         ahead = (item.counter - self._counter) % self._modulus
@@ -95,10 +94,10 @@ class CounterTrack:
         return Step.NEXT if good else self._doubt(item.counter, Step.WRONG)
 
     def follow(self, counters: IntArray, t_ns: IntArray, latency_ns: FloatArray) -> IntArray | None:
-        """Believe counters (k,) that follow one another step by step; return their indexes (k,).
+        """Accept counters (k,) that follow one another step by step; return their indexes (k,).
 
-        None, and nothing is believed, where `check` has to look: at a gap, a silence, a repeated
-        counter or a wait that grew.
+        Return None and accept none when `check` must judge: after a gap, a silence, a repeated
+        counter or a longer wait.
         """
         if not self._started:
             return None
@@ -116,7 +115,7 @@ class CounterTrack:
         return indexes
 
     def accept(self, item: Counted, clock: ClockModel, step: Step) -> int:
-        """Believe a counter that `check` gave NEXT or RESTART and return its index."""
+        """Accept a counter that `check` judged NEXT or RESTART; return its index [ticks]."""
         if not self._started:
             self.index = item.counter
         else:
@@ -135,7 +134,7 @@ class CounterTrack:
         return self.index
 
     def _is_unbroken(self, item: Counted) -> bool:
-        """Return whether the silence before is too short for a wrap to go unseen."""
+        """Return whether the silence before the datagram is too short to hide a wrap."""
         explained_ns = item.queued * self._step * self._tick_ns
         return item.t_ns - self._t_ns - explained_ns < self._wrap_ns
 

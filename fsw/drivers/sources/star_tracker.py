@@ -22,10 +22,10 @@ from fsw.messages.findings import Fault, Finding
 
 SUBJECT = "star_tracker"
 CLOCK_TOLERANCE_PPM = 200.0
-JUMP_NS = 500_000_000  # unit and host time may not part by more from one solution to the next
-PERIOD_RATIO = 0.5  # of a period: solutions are not closer, nor ahead of the unit's clock by more
+JUMP_NS = 500_000_000  # largest difference of unit and host time from one solution to the next
+PERIOD_RATIO = 0.5  # of a period: least spacing of solutions, and most lead on the clock model
 _FAULT_OF_REJECT = {Reject.STATUS: Fault.TRACKER_BLIND, Reject.RANGE: Fault.TRACKER_RANGE}
-CHAIN = 3  # solutions in order that are believed to be the unit's new time
+CHAIN = 3  # this many solutions in order are believed to be the unit's new time
 
 Quaternion = tuple[float, float, float, float]
 _Sample = tuple[int, int, Quaternion]  # time of validity and of receipt [ns], attitude
@@ -45,15 +45,15 @@ def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
 
 
 def conjugate(q: Quaternion) -> Quaternion:
-    """Return the inverse rotation."""
+    """Return the inverse rotation of a unit quaternion x y z w."""
     return (-q[0], -q[1], -q[2], q[3])
 
 
 def to_bus(q_wxyz: Quaternion, q_BS_xyzw: Quaternion, rotation: str) -> Quaternion:
-    """Turn the unit's quaternion into q_NB_xyzw, which takes B components to N.
+    """Return q_NB_xyzw, which takes B components to N, from the unit's quaternion.
 
-    With rotation `inertial_to_tracker` the unit's quaternion takes N components to S, with
-    `tracker_to_inertial` S components to N.
+    With rotation `inertial_to_tracker` the unit's quaternion takes N components to S; with
+    `tracker_to_inertial` it takes S components to N.
     """
     w, x, y, z = q_wxyz
     scale = (w * w + x * x + y * y + z * z) ** -0.5
@@ -63,7 +63,7 @@ def to_bus(q_wxyz: Quaternion, q_BS_xyzw: Quaternion, rotation: str) -> Quaterni
 
 
 class StarTrackerSource:
-    """One star tracker; times by its own time stamp, or by arrival less latency."""
+    """One star tracker; solutions are timed by the unit's stamp, or by arrival less latency."""
 
     def __init__(self, config: StarTrackerConfig, health: HealthConfig | None = None) -> None:
         health = health or HealthConfig()
@@ -81,7 +81,7 @@ class StarTrackerSource:
         self._last_frame = b""
         self._doubted: tuple[int, int] | None = None
         self._chain = 0
-        self._waited_ns = 0.0  # so long the frame may have waited for this computer
+        self._waited_ns = 0.0  # longest time that the frame may have waited to be read
 
     @property
     def counters(self) -> dict[str, int]:
@@ -89,11 +89,11 @@ class StarTrackerSource:
         return serial_counters(self._counts, self._codec.framer)
 
     def findings(self) -> list[Finding]:
-        """Return and forget what was found wrong."""
+        """Return the findings since the last call."""
         return self._watch.take()
 
     def watch(self, now_ns: int, *, up: bool) -> None:
-        """Look whether the unit has fallen silent; everything received has been fed."""
+        """Find out whether the unit is silent; call this after feeding all that was received."""
         self._watch.watch(now_ns, up=up)
 
     def feed(self, chunks: Sequence[ByteChunk]) -> AttitudeSamples:
@@ -114,10 +114,10 @@ class StarTrackerSource:
         return AttitudeSamples(np.array(t_ns), np.array(t_receive_ns), np.array(attitudes))
 
     def _wait_ns(self, decoded: Solution | Telemetry | Reject, sent_us: set[int]) -> float:
-        """Return how long a frame may have waited to be read, from the times sent in its chunk.
+        """Return how long a frame may have waited to be read [ns], from unit times in its chunk.
 
-        A unit sends a solution when it has it: two in one chunk were waiting for the computer,
-        the newest for up to a period, the others longer.
+        A unit sends a solution as soon as it exists. So two solutions in one chunk waited to be
+        read: the newest for up to a period, the others longer.
         """
         if not isinstance(decoded, Solution):
             return 0.0
@@ -165,7 +165,7 @@ class StarTrackerSource:
     def _time_of_validity(
         self, frame: Frame, solution: Solution, restart: bool
     ) -> tuple[int, float]:
-        """Return the time of validity, and how much later the solution came than it should."""
+        """Return the time of validity and the solution's lateness against the clock model [ns]."""
         arrivals, clock, n = self._arrivals, self._clock, solution.unix_us
         if arrivals.is_new_chunk(frame):
             for done in arrivals.finish(frame):
@@ -175,7 +175,7 @@ class StarTrackerSource:
             clock.reset()
             arrivals.clear()
         by_unit = self._config.time == "unit"
-        # by arrival, the latency is that to the last byte of a frame without escapes
+        # timed by arrival, the latency extends to the last byte of a frame without escapes
         length = len(frame.data) if by_unit else len(frame.data) - PLAIN_SOLUTION_BYTES
         delay_ns = length * arrivals.byte_ns
         arrival = arrivals.add(frame, n, delay_ns)
@@ -209,7 +209,7 @@ class StarTrackerSource:
         return self._chain >= CHAIN
 
     def _count_lost(self, unix_us: int, t_ns: int) -> int:
-        """Count by the unit's time, or by arrival where that is not set."""
+        """Count and return lost solutions, by unit time, or by arrival if unit time is not set."""
         if self._last is None:
             return 0
         elapsed_s = (unix_us - self._last[0]) * 1e-6
@@ -223,6 +223,6 @@ class StarTrackerSource:
     def _follows(
         self, now: tuple[int, int], before: tuple[int, int], least_ns: float = 0.0
     ) -> bool:
-        """Return whether unit time advanced, by at least the minimum and about as host time did."""
+        """Return whether unit time advanced by more than `least_ns`, about as host time did."""
         unit_ns, host_ns = (now[0] - before[0]) * 1e3, now[1] - before[1]
         return unit_ns > least_ns and abs(unit_ns - host_ns) < JUMP_NS + self._waited_ns

@@ -1,4 +1,4 @@
-"""History of the SYNCs of one bus: the joints' time."""
+"""History of the SYNCs of one bus, which time the samples of its nodes."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,7 +8,7 @@ from fsw.drivers.wire import Reject
 from fsw.messages import IntArray
 
 MAX_AGE_S = 0.4
-CYCLE_RATIO = 0.9  # of a counter cycle: an older match could be of another cycle
+CYCLE_RATIO = 0.9  # of a counter cycle: an older SYNC could be of another cycle
 UNKNOWN = -1
 BEFORE = -1  # row of a SYNC that came in an earlier batch
 
@@ -22,17 +22,17 @@ class SyncHistory:
         self._latest: list[int | None] = [None] * (counter_max + 1)  # stamp by counter
         self._counters = np.empty(0, np.int64)
         self._stamps_ns = np.empty(0, np.int64)
-        self._rows = np.empty(0, np.int64)  # in the newest batch
+        self._rows = np.empty(0, np.int64)  # row in the newest batch, or BEFORE
         self._new: list[tuple[int, int, int]] = []  # counter, stamp, row
         self._echo_ns = 0.5e9 * counter_max / rate_hz
         self._last_counter = 0
-        self.echoes = 0  # the same SYNC seen again: as sent, and as the bus handed it back
+        self.echoes = 0  # SYNCs seen twice: as sent, and as the bus handed them back
         self.count = 0
-        self.lost = 0  # gaps in the counter as seen here
+        self.lost = 0  # SYNCs missing by their counter
         self.invalid = 0
 
     def add(self, data: bytes, t_ns: int, row: int) -> bool:
-        """Accept the SYNC in a row of the batch; False for an echo or a counter of no such bus."""
+        """Accept the SYNC in a row of the batch; return False for an echo or an invalid counter."""
         counter = decode_sync(data, self._counter_max)
         if isinstance(counter, Reject):
             self.invalid += 1
@@ -49,9 +49,9 @@ class SyncHistory:
         return True
 
     def follow(self, counters: list[int], stamps_ns: list[int], rows: list[int]) -> bool:
-        """Accept SYNCs that follow one another by their counters; False: nothing was done.
+        """Accept SYNCs with consecutive counters; else return False and change nothing.
 
-        `add` does the same one by one: none of them is an echo, and none is missing.
+        The result is that of `add` called one by one: no SYNC is an echo, and none is missing.
         """
         before, last = self._last_counter, self._counter_max
         expected = [(before + k) % last + 1 for k in range(len(counters))]
@@ -65,7 +65,7 @@ class SyncHistory:
         return True
 
     def _is_echo(self, counter: int, t_ns: int) -> bool:
-        """Return whether this SYNC is known: the newest, or one whose repetition came late."""
+        """Return whether this SYNC repeats the newest one, or a recent one whose echo came late."""
         behind = (self._last_counter - counter) % self._counter_max
         before = self._latest[counter]
         recent = before is not None and t_ns - before < self._echo_ns
@@ -74,7 +74,7 @@ class SyncHistory:
     def match(
         self, counters: IntArray, rows: IntArray, t_ns: IntArray
     ) -> tuple[IntArray, IntArray, IntArray]:
-        """Find the SYNC that every answer of a batch echoes: the latest before it with its counter.
+        """Find the SYNC of every answer in a batch: the latest one before with the same counter.
 
         Parameters
         ----------
@@ -82,8 +82,8 @@ class SyncHistory:
 
         Returns
         -------
-        indexes : (k,) running index of its SYNC, UNKNOWN where no SYNC matches or it is too old
-        stamps_ns : (k,) of that SYNC
+        indexes : (k,) running index of the SYNC, UNKNOWN if no SYNC matches or it is too old
+        stamps_ns : (k,) stamp of that SYNC
         newest : (k,) running index of the newest SYNC before the answer
         """
         self._take_new()
@@ -93,7 +93,7 @@ class SyncHistory:
             return none, np.zeros(len(counters), np.int64), none
         last = np.searchsorted(self._rows, rows) - 1
         if last.min(initial=0) >= 0 and not np.count_nonzero(held[last] != counters):
-            at, found = last, np.ones(len(last), np.bool_)  # each answers the newest
+            at, found = last, np.ones(len(last), np.bool_)  # every answer is to its newest SYNC
         else:
             at, found = _latest(held, counters, last)
         stamps_ns = self._stamps_ns[np.where(found, at, 0)]
@@ -105,7 +105,7 @@ class SyncHistory:
         """Put the SYNCs of this batch behind those held; forget what no answer can echo."""
         new = np.array(self._new, np.int64).reshape(-1, 3)
         self._new = []
-        # no answer of this batch came before the newest SYNC of the batches before it
+        # every answer of this batch came after the newest SYNC of the batches before
         before_ns = self._stamps_ns[-1] if self._stamps_ns.size else 0
         start = int(np.searchsorted(self._stamps_ns, before_ns - self._max_age_ns))
         self._counters = np.concatenate([self._counters[start:], new[:, 0]])
@@ -117,7 +117,7 @@ class SyncHistory:
 def _latest(
     held: IntArray, counters: IntArray, last: NDArray[np.intp]
 ) -> tuple[IntArray, NDArray[np.bool_]]:
-    """Return the places (k,) of the latest equal counters up to places `last`, and where found."""
+    """Return, per answer, the place of the latest equal counter up to `last`, and if it exists."""
     keys = np.sort(held * held.size + np.arange(held.size))  # by counter, then in order
     near = np.searchsorted(keys, counters * held.size + last, side="right") - 1
     found = (near >= 0) & (keys[near] // held.size == counters)

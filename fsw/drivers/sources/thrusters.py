@@ -14,9 +14,9 @@ from fsw.drivers.wire import FrameArray, Reject
 from fsw.messages import ThrusterSamples
 from fsw.messages.findings import Fault, Finding
 
-SILENT_REPORTS = 5.0  # a node without a report for longer than so many periods is silent
+SILENT_REPORTS = 5.0  # a node without a report for longer than this many periods is silent
 OWN_SERVICES = (canopen.COB_TPDO1, canopen.COB_SYNC, canopen.COB_HEARTBEAT)
-COUNT = 256  # of changes, in which they are counted
+COUNT = 256  # modulus of the counter of changes
 
 
 @dataclass(slots=True)
@@ -26,7 +26,7 @@ class _Node:
     rate_hz: float
     thrusters: list[tuple[int, ThrusterConfig]]  # index in the configured list
     counts: Counters
-    latch_ns: int | None = None  # of the newest report
+    latch_ns: int | None = None  # latch time of the newest report
     valves: int = 0
     changes: int = 0
 
@@ -35,8 +35,8 @@ class ThrusterBusSource:
     """Every thruster node of one bus.
 
     A report is valid at the stamp of the SYNC whose counter it echoes plus the latch offset. It
-    gives the valves' states there and when they last changed. Where more than one change lies
-    between two reports, as after lost ones, when and what is not known: NaN says so.
+    gives the valves' states at this time and the time of the newest change. If more than one
+    change lies between two reports, as after lost reports, a NaN marks the unknown changes.
     """
 
     kind = "thrusters"
@@ -51,7 +51,7 @@ class ThrusterBusSource:
         self._now_ns = 0
 
     def owns(self, frames: FrameArray) -> NDArray[np.bool_]:
-        """Return which frames are a thruster node's own; SYNCs are everybody's."""
+        """Return (k,) which frames belong to thruster nodes only; a SYNC does not."""
         words = frames["word"]
         own = (words <= canopen.COB_HEARTBEAT | canopen.NODE_MASK) & (words > canopen.COB_SYNC)
         own &= np.isin(words & canopen.NODE_MASK, list(self._nodes))
@@ -107,7 +107,7 @@ class ThrusterBusSource:
         )
 
     def findings(self) -> list[Finding]:
-        """Return which nodes are silent."""
+        """Return a finding for every silent node."""
         found = []
         for node in self._nodes.values():
             if node.latch_ns is None:
@@ -134,12 +134,12 @@ class ThrusterBusSource:
 def _states(
     node: _Node, latch_ns: int, received_ns: int, valves: int, changes: int, age_ns: int
 ) -> list[tuple[int, int, int, float, float]]:
-    """Return time, receive stamp, thruster, state, whether a change; the node's state follows."""
+    """Return rows of time, receive stamp, thruster, state, is_change; update the node."""
     found = []
     several = (changes - node.changes) % COUNT
     first, known_before = node.latch_ns is None, node.latch_ns or 0
     change_ns = latch_ns - age_ns
-    in_gap = change_ns >= known_before - thruster.AGE_SCALE_NS  # to the rounding of its age
+    in_gap = change_ns >= known_before - thruster.AGE_SCALE_NS  # within the rounding of the age
     clear = several == 0 or (several == 1 and age_ns >= 0 and in_gap)
     for index, config in node.thrusters:
         now, before = valves >> config.valve & 1, node.valves >> config.valve & 1

@@ -13,7 +13,7 @@ from fsw.drivers.wire import FrameArray, Reject
 from fsw.messages import FloatArray, IntArray, WheelSamples
 from fsw.messages.findings import Fault, Finding
 
-SILENT_REPORTS = 5.0  # a wheel without a report for longer than so many periods is silent
+SILENT_REPORTS = 5.0  # a wheel without a report for longer than this many periods is silent
 OWN_SERVICES = (canopen.COB_TPDO1, canopen.COB_TPDO2, canopen.COB_SYNC, canopen.COB_HEARTBEAT)
 
 
@@ -21,8 +21,7 @@ class WheelBusSource:
     """Every wheel node of one bus.
 
     A report is valid at the stamp of the SYNC whose counter it echoes plus the latch offset, less
-    the wheel's delay. One
-    out of range, of another length or without its SYNC is rejected and counted.
+    the wheel's delay. A report out of range, of another length or without its SYNC is rejected.
     """
 
     kind = "wheels"
@@ -45,7 +44,7 @@ class WheelBusSource:
         self._now_ns = 0
 
     def owns(self, frames: FrameArray) -> NDArray[np.bool_]:
-        """Return which frames are a wheel node's own; SYNCs are everybody's."""
+        """Return (k,) which frames belong to wheel nodes only; a SYNC does not."""
         words = frames["word"]
         own = (words <= canopen.COB_HEARTBEAT | canopen.NODE_MASK) & (words > canopen.COB_SYNC)
         own[own] = self._place[words[own] & canopen.NODE_MASK] >= 0
@@ -108,7 +107,7 @@ class WheelBusSource:
         )
 
     def findings(self) -> list[Finding]:
-        """Return which wheels are silent."""
+        """Return a finding for every silent wheel."""
         found = []
         for place, config in enumerate(self._wheels):
             newest = self._newest[place]
