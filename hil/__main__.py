@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 WRONG_EXIT = 2
 FAILED_EXIT = 1
-SCIENCE_INTERVAL_S = 0.1  # of `run --telemetry`
+SCIENCE_INTERVAL_S = 0.1  # of the telemetry of `run --telemetry`
 PLAIN_WIDTH = 120  # of output that goes to a file or a pipe
 
 
@@ -48,7 +48,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    """Return the parser of every command, for completion and documentation too."""
+    """Return the parser of all commands; shell completion and documentation use it too."""
     program = argparse.ArgumentParser(prog="hil", description=__doc__)
     release = f"%(prog)s {version('inertia-daemon')}"
     program.add_argument("--version", action="version", version=release)
@@ -156,7 +156,7 @@ def _vcan_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 
 def _study_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the studies; what they need is imported when one is run."""
+    """Add the studies; the modules of a study are imported when it is run."""
     study = commands.add_parser("study", help="studies over many seeds")
     kinds = study.add_subparsers(required=True, metavar="STUDY")
     methods = kinds.add_parser(
@@ -208,7 +208,7 @@ def _study_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser])
 
 
 def _campaign_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the campaigns."""
+    """Add the command `campaign`."""
     campaign = commands.add_parser("campaign", help="Monte Carlo over what a YAML file names")
     campaign.add_argument("path", type=Path, metavar="CAMPAIGN.yaml")
     campaign.add_argument("--out", type=Path, metavar="DIR", help="results; resumed if there")
@@ -229,7 +229,7 @@ def _seeds(arguments: argparse.Namespace) -> int:
     from hil.evidence.seeds import run_seeds, show, summary
     from hil.evidence.settings import settled
 
-    settled(arguments.scenario, arguments.settings, arguments.first)  # a fault is reported once
+    settled(arguments.scenario, arguments.settings, arguments.first)  # a wrong setting fails once
     numbers = range(arguments.first, arguments.first + arguments.count)
     options = [] if arguments.real_time else ["--fast"]
     options += [word for setting in arguments.settings for word in ("--set", setting)]
@@ -281,7 +281,7 @@ def _run(arguments: argparse.Namespace) -> int:
                 telemetry=telemetry,
                 truth=arguments.truth,
             )
-        except (OSError, ValueError) as error:  # of the files that it reads
+        except (OSError, ValueError) as error:  # of the files that `prepare` reads
             raise ScenarioError(" ".join(str(error).split())) from error
         with meter(scenario.name, setup.total_s, _console(stderr=True)) as bar:
             if arguments.fast:
@@ -308,7 +308,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 def _linked(scenario: Scenario, choice: str, stack: ExitStack) -> Scenario:
-    """Return the scenario on the buses of a run in real time, which are there."""
+    """Return the scenario on the buses of a real-time run. Raises LiveError if one is missing."""
     from hil.run.flight import on_frames, on_socketcan
     from hil.run.live import require_multicast
 
@@ -322,7 +322,7 @@ def _linked(scenario: Scenario, choice: str, stack: ExitStack) -> Scenario:
 
 
 def _has_socketcan(choice: str, stack: ExitStack) -> bool:
-    """Return whether the run goes over vcan0, held until the stack is left."""
+    """Return whether the run uses vcan0, which stays claimed until the stack closes."""
     from hil.run.live import LiveError
     from hil.vcan import kernel
 
@@ -337,7 +337,7 @@ def _has_socketcan(choice: str, stack: ExitStack) -> bool:
 
 
 def _console(*, stderr: bool = False) -> Console:
-    """Return a console, wide enough for a table where nothing says how wide it is."""
+    """Return a console; in a file or a pipe it has at least PLAIN_WIDTH columns."""
     from rich.console import Console
 
     console = Console(stderr=stderr, markup=False)  # units stand in brackets

@@ -7,12 +7,12 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-SETTINGS = "settings.json"  # in a folder of results: what they were made with
+SETTINGS = "settings.json"  # file in a folder of results: the settings that made them
 INTERRUPTED_EXIT = 130  # 128 + SIGINT
 
 
 def explained(action: Callable[[], int], wrong_exit: int, failed_exit: int) -> int:
-    """Run the action; an error that is somebody's to correct is one line and an exit code."""
+    """Run the action and return its exit code; print an expected error as one line."""
     from fsw.messages.errors import ConfigError, FswError
     from hil.run.live import LiveError
     from hil.world.scenario import ScenarioError
@@ -21,7 +21,7 @@ def explained(action: Callable[[], int], wrong_exit: int, failed_exit: int) -> i
         code = action()
         sys.stdout.flush()
         return code
-    except BrokenPipeError:  # who read has enough
+    except BrokenPipeError:  # the reader of the output closed the pipe
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except (ConfigError, ScenarioError) as error:
@@ -36,11 +36,11 @@ def explained(action: Callable[[], int], wrong_exit: int, failed_exit: int) -> i
 
 
 def same_settings(folder: Path, wanted: Mapping[str, Any]) -> None:
-    """Note what a folder's results were made with; they are not mixed with others.
+    """Write the settings of a folder's results, or check that the folder has the same settings.
 
     Raises
     ------
-    ScenarioError when the folder cannot be made, or holds results of other settings.
+    ScenarioError if the folder cannot be made, or holds results of other settings.
     """
     from hil.world.scenario import ScenarioError
 
@@ -53,7 +53,7 @@ def same_settings(folder: Path, wanted: Mapping[str, Any]) -> None:
 
 
 def make_folder(path: Path) -> None:
-    """Make the folder of a command's results. Raises ScenarioError when that cannot be."""
+    """Make the folder of a command's results. Raises ScenarioError if that fails."""
     from hil.world.scenario import ScenarioError
 
     try:

@@ -6,7 +6,7 @@ from importlib import import_module
 
 
 def count(text: str) -> int:
-    """Return a count; argparse names the option of an invalid one."""
+    """Return a count of at least 1; argparse reports an invalid count with its option."""
     number = int(text) if text.isdecimal() else 0
     if number < 1:
         raise argparse.ArgumentTypeError(f"{text}: must be a whole number of at least 1")
@@ -14,12 +14,12 @@ def count(text: str) -> int:
 
 
 def seed(text: str) -> int:
-    """Return a seed; argparse names the option of an invalid one."""
+    """Return a seed of at least 0; argparse reports an invalid seed with its option."""
     return count_or_none(text)
 
 
 def count_or_none(text: str) -> int:
-    """Return a count that may be 0; argparse names the option of an invalid one."""
+    """Return a count of at least 0; argparse reports an invalid count with its option."""
     if not (text.isascii() and text.isdecimal()):
         raise argparse.ArgumentTypeError(f"{text}: must be a whole number of at least 0")
     return int(text)
@@ -28,8 +28,8 @@ def count_or_none(text: str) -> int:
 def call(arguments: argparse.Namespace) -> int:
     """Call the function that a command names, with its options as keywords; return the exit code.
 
-    A command of its own gets the arguments as they are. Modules are imported when they are called,
-    so that the help needs none of them.
+    A command with the key `command` gets the whole namespace instead. The module of a function is
+    imported when the function is called, so that the help imports none.
     """
     given = vars(arguments)
     if "command" in given:

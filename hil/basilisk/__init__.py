@@ -1,1 +1,1 @@
-"""The second truth: Basilisk flies the scenarios of the bench."""
+"""The second truth: the engine Basilisk simulates the scenarios of the bench."""

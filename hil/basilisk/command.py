@@ -1,4 +1,4 @@
-"""`hil vs-basilisk`: scenarios flown by Basilisk, beside MuJoCo, and estimated from its bytes."""
+"""`hil vs-basilisk`: simulate scenarios with Basilisk, compare with MuJoCo, run the daemon."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ SCENARIOS = (
     "mev",
 )
 ENVIRONMENT = Path(sys.prefix) / "basilisk"
-PACKAGES = ("bsk==2.12.1", "numpy>=2,<3")  # bsk's others are for pictures and orbits
-KINK_S = 4e-3  # what a truth's interpolation makes of a kink
+PACKAGES = ("bsk==2.12.1", "numpy>=2,<3")  # other dependencies of bsk: pictures, orbits
+KINK_S = 4e-3  # interpolation of a truth smears a kink over this time
 ENGINE = Path(__file__).with_name("engine.py")
-# How far the two truths may be apart: below a hundredth of one sample's noise, and what is
-# conserved below 1e-7.
+# Largest allowed difference of the two truths: below a hundredth of one sample's noise. The
+# conserved momentum may drift by 1e-7.
 BOUNDS: Mapping[str, float] = {
     "joint angle [rad]": 1e-6,
     "joint rate [rad/s]": 1e-5,
@@ -49,14 +49,14 @@ BOUNDS: Mapping[str, float] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Flown:
-    """Basilisk's truth, and per quantity how far it is from MuJoCo's and how large it is."""
+    """Basilisk's truth; for each quantity the largest difference from MuJoCo, and largest value."""
 
     truth: TruthHistory
     apart: Mapping[str, tuple[float, float]]
 
     @property
     def beyond(self) -> list[str]:
-        """Return the quantities that are further apart than allowed."""
+        """Return the quantities whose difference exceeds BOUNDS or is not a number."""
         return [name for name, (off, _) in self.apart.items() if not off <= BOUNDS[name]]
 
 
@@ -89,7 +89,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 
 
 def make_environment(folder: Path) -> None:
-    """Make a virtual environment that holds Basilisk; ScenarioError if that fails."""
+    """Make a virtual environment with Basilisk. Raises ScenarioError if that fails."""
     from hil.world.scenario import ScenarioError
 
     pip = [str(folder / "bin" / "python"), "-m", "pip", "install", "-q", "--no-deps", *PACKAGES]
@@ -99,11 +99,11 @@ def make_environment(folder: Path) -> None:
 
 
 def fly(scenario: Scenario, environment: Path) -> Flown:
-    """Fly a scenario by both engines.
+    """Simulate a scenario with both engines and compare them.
 
     Raises
     ------
-    ScenarioError if there is no Basilisk, or it does not fly such a scenario.
+    ScenarioError if Basilisk is not installed, fails, or cannot simulate the scenario.
     """
     import numpy as np
 
@@ -139,10 +139,10 @@ def fly(scenario: Scenario, environment: Path) -> Flown:
 def _apart(
     plan: TruthHistory, truth: TruthHistory, momentum_nms: FloatArray, jets: ThrusterSystem | None
 ) -> dict[str, tuple[float, float]]:
-    """Return the largest difference over all nodes, and the largest value, of each quantity.
+    """Return for each quantity the largest difference over all nodes, and the largest value.
 
-    A step in which a valve's force begins or ends is left out of torque and acceleration, which
-    have a kink there.
+    Torque and acceleration have a kink where a valve's force begins or ends. Times within KINK_S
+    of a kink are left out of both.
     """
     import numpy as np
 
@@ -211,7 +211,7 @@ def _vs_basilisk(arguments: argparse.Namespace) -> int:
 
 
 def _estimate(name: str, file: Path, arguments: argparse.Namespace) -> dict[str, Any]:
-    """Run the daemon on a truth's bytes; return the summary of all seeds."""
+    """Run the daemon on device bytes of the truth in `file`; return the summary of all seeds."""
     from rich.console import Console
 
     from hil.evidence.seeds import run_seeds, show, summary
@@ -225,7 +225,7 @@ def _estimate(name: str, file: Path, arguments: argparse.Namespace) -> dict[str,
 
 
 def _show(name: str, flown: Flown) -> None:
-    """Print how far the truths are apart."""
+    """Print the largest differences of the two truths beside the largest values."""
     print(f"{name}: Basilisk beside MuJoCo, largest difference, and of what")
     for quantity, (off, size) in flown.apart.items():
         mark = "  BEYOND" if quantity in flown.beyond else ""

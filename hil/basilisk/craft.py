@@ -1,7 +1,7 @@
-"""A scenario as a job for Basilisk, and what it flew as a truth of the bench.
+"""Convert a scenario to a job for Basilisk, and Basilisk's result to a truth of the bench.
 
-Rigid parts, torques and initial state cross to the engine, nothing of MuJoCo's or anyone's
-dynamics: links that do not move are merged by `hil.world.inertia`.
+The engine gets rigid parts, torques, gains and the initial state, and computes all dynamics itself.
+`hil.world.inertia` merges links that do not move.
 """
 
 import json
@@ -20,16 +20,16 @@ from hil.world.scenario import Scenario, ScenarioError
 from hil.world.springs import Panel, SloshMass, Sprung
 
 STEP_S = 1e-3
-WITHIN = 4  # looks at a thruster within a step
+WITHIN = 4  # samples of a thruster's force within a step
 HOLD_PERIOD_S = 0.01
-HOLD_RAD_S = 10.0  # bandwidth of what holds the arm to its plan; slow: the step is far
+HOLD_RAD_S = 10.0  # bandwidth of the springs that hold the arm to its plan; step: 1e-3 s
 
 
 def on_lines(scenario: Scenario) -> Scenario:
-    """Return the scenario with a mass of its own for every axis along which a tank's mass moves.
+    """Return the scenario with one sloshing mass per axis, where a tank has one mass on all axes.
 
-    The engine's mass moves along one line; to first order in the displacement the forces are the
-    same. Base and liquid at rest weigh as before.
+    The engine's mass moves along one line. To first order in the displacement the forces are the
+    same. The mass of base and liquid together does not change.
     """
     lines = [replace(part, axes=(axis,)) for part in scenario.slosh for axis in part.axes]
     return replace(scenario, slosh=tuple(lines))
@@ -38,15 +38,15 @@ def on_lines(scenario: Scenario) -> Scenario:
 def job_of(
     scenario: Scenario, robot: Robot, plan: TruthHistory, step_s: float = STEP_S
 ) -> dict[str, Any]:
-    """Return what the engine reads: the craft (JSON), torques of every step (k, n), (k, w), (k, 6).
+    """Return the engine's input: the craft (JSON) and torques of every step (k, n), (k, w), (k, 6).
 
     Parameters
     ----------
-    plan : whose joint and motor torques drive the craft; it starts where this starts
+    plan : truth whose joint and motor torques drive the craft; its start is the craft's start
 
     Raises
     ------
-    ScenarioError for what this engine does not fly.
+    ScenarioError for an effect or a joint that this engine does not simulate.
     """
     for key in ("environment", "stand"):
         if getattr(scenario, key) is not None:
@@ -80,7 +80,7 @@ def job_of(
     middles = np.asarray(plan.start_s + step_s * (np.arange(steps) + 0.5), np.float64)
     pair: FloatArray = middles + step_s / np.sqrt(12.0) * np.array(
         [[-1.0], [1.0]]
-    )  # Gauss: mean of a step
+    )  # two Gauss points: their mean is the mean over the step
     motor = np.zeros((steps, 0))
     if rotors:
         motor = np.array([plan.wheels_at(t)[1] for t in middles])
@@ -97,7 +97,7 @@ def job_of(
 
 
 def truth_of(job: Mapping[str, Any], flown: Mapping[str, Any], start_s: float) -> TruthHistory:
-    """Return the flown motion; torques and accelerations at the nodes are of the fourth order."""
+    """Return the engine's motion; torques and accelerations at the nodes are of fourth order."""
     about = json.loads(str(job["about"]))
     h, n, w = about["dt_s"], job["tau_nm"].shape[1], job["motor_nm"].shape[1]
     state = np.asarray(flown["state"])
@@ -133,7 +133,7 @@ def truth_of(job: Mapping[str, Any], flown: Mapping[str, Any], start_s: float) -
 
 
 def _thrust(scenario: Scenario, middles: FloatArray, step_s: float) -> FloatArray:
-    """Return force and moment of the thrusters (k, 6), the mean of every step, in base axes."""
+    """Return the thrusters' mean force and moment of every step (k, 6) in B [N, N m]."""
     if scenario.thrusters is None:
         return np.zeros((len(middles), 6))
     parts = step_s * ((np.arange(WITHIN) + 0.5) / WITHIN - 0.5)
@@ -142,7 +142,7 @@ def _thrust(scenario: Scenario, middles: FloatArray, step_s: float) -> FloatArra
 
 
 def _hold(robot: Robot, q_rad: FloatArray) -> FloatArray:
-    """Return the gains (k, n, 2 n) on errors of angles and rates: the arm's inertia, base free."""
+    """Return gains (k, n, 2 n) on angle and rate errors, from the arm's inertia on a free base."""
     data, passive = mujoco.MjData(robot.model), robot.model.nv - robot.n
     H = np.empty((robot.model.nv, robot.model.nv))
     gains = np.empty((len(q_rad), robot.n, 2 * robot.n))
@@ -157,13 +157,13 @@ def _hold(robot: Robot, q_rad: FloatArray) -> FloatArray:
 
 
 def _at_nodes(held: FloatArray, h: float) -> FloatArray:
-    """Return the nodes' values (k + 1, m) of what is held over k steps, as `slope` takes them."""
+    """Return values at the nodes (k + 1, m) of a quantity that is constant over each of k steps."""
     impulse = np.vstack([np.zeros((1, held.shape[1])), np.cumsum(h * held, axis=0)])
     return slope(impulse, h)
 
 
 def _quaternions(sigma: FloatArray) -> FloatArray:
-    """Return continuous quaternions (k, 4), scalar first, of rotation parameters (k, 3)."""
+    """Return continuous quaternions (k, 4), scalar first, of modified Rodrigues vectors (k, 3)."""
     wxyz = Rotation.from_mrp(sigma).as_quat()[:, [3, 0, 1, 2]]
     turned = np.cumprod(np.sign(np.einsum("ij,ij->i", wxyz[1:], wxyz[:-1])))
     return np.asarray(wxyz * np.concatenate([[1.0], turned])[:, None])
@@ -176,7 +176,7 @@ def _craft(
     links = read_links(scenario.urdf)
     held = {scenario.tool_frame: scenario.truth.get("target")}
     held |= {frame: scenario.truth[name] for name, frame in scenario.frames.items()}
-    place: dict[str, tuple[str, FloatArray, FloatArray]] = {}  # link: its carrier, R, p in it
+    place: dict[str, tuple[str, FloatArray, FloatArray]] = {}  # link L: carrier C, R_CL, p_CL
     pi: dict[str, FloatArray] = {}
     moving: list[Link] = []
     for link in links:
@@ -242,19 +242,19 @@ def _chains(
 
 
 def _slide(line: SloshMass) -> dict[str, Any]:
-    """Return a mass of `on_lines`."""
+    """Return the engine's description of one mass of `on_lines`."""
     return _sprung(line) | {"mass_kg": line.mass_kg, "place_m": line.place_m}
 
 
 def _hinge(panel: Panel) -> dict[str, Any]:
-    """Return a panel as a chain of one link that a spring and a damper hold, at rest."""
+    """Return a panel as one hinged link with spring and damper, at rest."""
     body = np.array([panel.mass_kg, *panel.com_m, *panel.inertia_kg_m2])
     still = {"R_PS": np.eye(3).tolist(), "q_rad": 0.0, "qd_rad_s": 0.0}
     return _sprung(panel) | still | _named(pi_of(body)) | {"p_PS_P_m": panel.place_m}
 
 
 def _sprung(part: Sprung) -> dict[str, Any]:
-    """Return the axis, and stiffness and damping along or about it."""
+    """Return a part's axis, and the stiffness and damping along or about this axis."""
     rate = 2.0 * np.pi * part.frequency_hz
     return {
         "axis": (np.array(part.axes[0]) / np.linalg.norm(part.axes[0])).tolist(),

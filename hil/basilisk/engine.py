@@ -1,10 +1,10 @@
-"""The second truth's dynamics: Basilisk flies a craft under given torques; a program of its own.
+"""A program that simulates a craft in Basilisk under given torques, for the second truth.
 
 `python engine.py JOB.npz OUT.npz`, run by the Python of an environment that has `bsk` and nothing
-of this project: only the two files cross. What is in them: `hil.basilisk.craft`. Torques are held
-over a step; within it Runge-Kutta of order four. Given torques alone would let the arm fall away
-from its plan (the motion is unstable), so springs and dampers hold it there, and are in the torque
-that is written. Source: Basilisk (AVS Lab, University of Colorado; ISC), modules spacecraft,
+of this project. `hil.basilisk.craft` writes the first file and reads the second. Torques are
+constant over a step; the integrator is Runge-Kutta of order four. The motion is unstable, so
+springs and dampers hold the arm to its plan; the written torque includes them.
+Source: Basilisk (AVS Lab, University of Colorado; ISC), modules spacecraft,
 spinningBodyNDOFStateEffector, reactionWheelStateEffector, linearSpringMassDamper, extForceTorque.
 """
 
@@ -29,12 +29,12 @@ FloatArray = NDArray[np.float64]
 
 
 def column(values: Sequence[float] | FloatArray) -> list[list[float]]:
-    """Return a vector as Basilisk takes it."""
+    """Return a vector as a column, which Basilisk expects as a list of lists."""
     return [[float(x)] for x in values]
 
 
 class Craft:
-    """A spacecraft and its effectors; Basilisk holds no reference to them, so this does."""
+    """A spacecraft and its effectors, kept here because Basilisk holds no reference to them."""
 
     def __init__(self, about: dict[str, Any]) -> None:
         self.craft = craft = spacecraft.Spacecraft()
@@ -125,11 +125,11 @@ class Craft:
         return effector, torque
 
     def state(self) -> FloatArray:
-        """Return p_N, v_N, sigma, w_B, then q and qd of every chain, slides, panels, wheels."""
+        """Return p_N, v_N, sigma_BN, w_B, then q and qd of every chain, slides, panels, wheels."""
         return np.array([x for state in self.states for row in state.getState() for x in row])
 
     def joints(self) -> list[int]:
-        """Return where the angles of all joints are in the state, and then where their rates."""
+        """Return the indices of all joint angles in the state, then those of all joint rates."""
         angles: list[int] = []
         rates: list[int] = []
         first = 12
@@ -140,13 +140,13 @@ class Craft:
         return angles + rates
 
     def momentum(self) -> list[float]:
-        """Return the angular momentum about the centre of mass, in N."""
+        """Return the angular momentum about the centre of mass in frame N [N m s]."""
         return [float(row[0]) for row in self.craft.totRotAngMomPntC_N]
 
     def step(
         self, end_ns: int, before_ns: int, tau: FloatArray, motor: FloatArray, wrench: FloatArray
     ) -> None:
-        """Advance to a time under joint torques, motor torques, and force and torque on the hub."""
+        """Advance to `end_ns` under joint and motor torques [N m] and the hub's wrench in B."""
         first = 0
         for _, message, bodies in self.chains:
             _write(message, tau[first : first + len(bodies)])
@@ -166,7 +166,7 @@ def _write(message: Model, torque: FloatArray) -> None:
 
 
 def main(job: str, out: str) -> None:
-    """Fly the job of one file; write states and momentum at every step's end into another."""
+    """Simulate the job of one file; write states, momenta and torques of all steps to another."""
     with np.load(job) as given:
         about = json.loads(str(given["about"]))
         tau, motor, wrench = given["tau_nm"], given["motor_nm"], given["wrench"]

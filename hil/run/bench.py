@@ -1,7 +1,7 @@
-"""One run: truth, devices and daemon put together, in virtual or real time.
+"""One run of the bench: truth, devices and daemon together, in virtual or real time.
 
-The daemon is the flight software's own loop and estimation; in real time it is `fsw run` in a
-process of its own. What is judged later comes from its estimates, or from its recording.
+The daemon is the loop and the estimation of the flight software; in real time it is `fsw run` in a
+separate process. The judgement uses the daemon's estimates or the daemon's recording.
 """
 
 import time
@@ -49,7 +49,7 @@ from hil.world.spline import JointSpline
 
 T0_NS = 10_000_000_000  # virtual time of power-on
 EDGE_S = 0.1  # truth simulated at rest before and after the motion
-STEP_S = 0.004  # of the truth
+STEP_S = 0.004  # time step of the truth
 METER_PERIOD_S = 0.2
 
 
@@ -66,7 +66,7 @@ class Setup:
     robot: Robot
     spline: JointSpline
     history: TruthHistory
-    bus_ports: Mapping[str, int]  # of udp_multicast
+    bus_ports: Mapping[str, int]  # UDP port of each bus that has one
 
     @property
     def total_s(self) -> float:
@@ -88,12 +88,12 @@ class Recorded:
     origin_ns: int  # start of the motion on the daemon's clock
     imu_times: Mapping[str, float]  # t0_ns and period_ns of the device's samples
     wall_s: float
-    state: State | None  # of the estimator, whole; None: no estimate
+    state: State | None  # whole state of the estimator; None: no estimate
     extra: Mapping[str, Any] = field(default_factory=dict)
 
 
 def _motion(key: str, path: Path, robot: Robot) -> JointSpline:
-    """Return a scenario's motion. Raises ScenarioError, which names key and file, for another's."""
+    """Return a scenario's motion. Raises ScenarioError if it is invalid or has other joints."""
     try:
         spline = JointSpline.load(path)
     except (TypeError, ValueError, yaml.YAMLError) as error:
@@ -118,18 +118,18 @@ def prepare(
 ) -> Setup:
     """Draw the priors, write the flight configuration, simulate the truth.
 
-    In real time the bus gets a port nobody uses, and the position noise what the jitter of a SYNC
-    stamp adds at the motion's speed.
+    In real time the buses get unused ports, and the position noise includes the jitter of a SYNC
+    time stamp times the motion's speed.
 
     Parameters
     ----------
     overrides : keys of the configuration's section `estimator`
-    telemetry : its section `telemetry`; None: the daemon has no link
-    truth : file of another engine's truth of this scenario, instead (see `hil.basilisk`)
+    telemetry : the configuration's section `telemetry`; None: the daemon has no link
+    truth : file with this scenario's truth from `hil.basilisk`; None: the truth is simulated
 
     Raises
     ------
-    ScenarioError, or the flight software's ConfigError, when something does not fit.
+    ScenarioError or ConfigError if scenario, motion, truth or configuration is invalid.
     """
     if real_time and scenario.faults:
         raise ScenarioError("faults: a scenario's own need virtual time: add --fast")
@@ -176,7 +176,7 @@ def prepare(
 
 
 def robot_of(scenario: Scenario) -> Robot:
-    """Return the true robot with all it holds."""
+    """Return the true robot with its bodies, tanks, panels, wheels and thrusters."""
     bodies = {name: body_of(report) for name, report in scenario.truth.items()}
     return Robot.load(
         scenario.urdf,
@@ -192,7 +192,7 @@ def robot_of(scenario: Scenario) -> Robot:
 
 
 def span_s(scenario: Scenario, spline: JointSpline) -> tuple[float, float]:
-    """Return start and end of the truth: the arm's rests too where it tumbles or something acts."""
+    """Return start and end of the truth [s], with the arm's rests if the robot moves in them."""
     before_s, after_s = EDGE_S, EDGE_S
     if not scenario.rests:
         before_s, after_s = max(EDGE_S, scenario.before_s), max(EDGE_S, scenario.after_s)
@@ -200,7 +200,7 @@ def span_s(scenario: Scenario, spline: JointSpline) -> tuple[float, float]:
 
 
 def _stored(path: Path, scenario: Scenario, robot: Robot, spline: JointSpline) -> TruthHistory:
-    """Read a truth; ScenarioError where it is none, another scenario's, or too short."""
+    """Return a stored truth. Raises ScenarioError if it is invalid, short or another scenario's."""
     try:
         history, name = TruthHistory.load(path)
     except (OSError, ValueError) as error:
@@ -264,7 +264,7 @@ class VirtualRun:
         self._shown_s = 0.0
 
     def advance(self, until_s: float, meter: Meter) -> None:
-        """Continue until the given time after power-on."""
+        """Continue until the given time after power-on [s]."""
         clock, daemon = self.world.clock, self.daemon
         end_ns = T0_NS + round(until_s * 1e9)
         began_s = time.perf_counter()
@@ -281,7 +281,7 @@ class VirtualRun:
         self._wall_s += time.perf_counter() - began_s
 
     def finish(self, meter: Meter) -> Recorded:
-        """Settle the estimate and return what the run left behind."""
+        """Finish the estimate and return the output of the run."""
         setup, collector, daemon = self.setup, self._collector, self.daemon
         began_s = time.perf_counter()
         final = daemon.shutdown()
@@ -326,8 +326,8 @@ def run_virtual(
 def run_live(setup: Setup, meter: Meter) -> Recorded:
     """Run plant and daemon as processes in real time, then read the daemon's recording.
 
-    The daemon's own last estimate is scored; a replay of its recording gives the conditioned blocks
-    for the picture, and how far a replay is from the live result.
+    The score uses the daemon's last estimate. A replay of the recording gives the blocks for the
+    picture, and the difference between replay and live result.
     """
     scenario = setup.scenario
     plant = plant_document(scenario, setup.seed, setup.folder, setup.bus_ports)

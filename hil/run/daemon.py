@@ -1,4 +1,4 @@
-"""Loop and estimation in one process, one called after the other: the daemon in virtual time."""
+"""The daemon in virtual time: loop and estimation in one process, called one after the other."""
 
 from collections.abc import Callable
 from typing import Any
@@ -16,7 +16,7 @@ from fsw.scheduler.tasks import Tick
 
 
 class Daemon:
-    """What `fsw run` does in two processes; the service's part is the sink's."""
+    """Loop and estimation of `fsw run` in one process; a sink replaces the service."""
 
     def __init__(
         self,
@@ -50,16 +50,16 @@ class Daemon:
         self.loop.run(stop)
 
     def restart(self, found: Restart) -> bool:
-        """Continue from a checkpoint, before the first tick; False: a cold start."""
+        """Continue from a checkpoint, before the first tick; return False for a cold start."""
         return self.estimation.restart(found)
 
     def shutdown(self) -> Estimate | None:
-        """Work off what is left, settle, release the ports; return the last estimate."""
+        """Process buffered samples, close the ports; return the last estimate, or None."""
         self.loop.finish()
         final = self.estimation.shutdown()
         self.loop.close()
         return final
 
     def status(self) -> dict[str, Any]:
-        """Return health and counters of both as plain values."""
+        """Return health and counters of loop and estimation as plain values."""
         return {**self.loop.status(self._clock.now_ns()), **self.estimation.status()}

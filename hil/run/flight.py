@@ -1,4 +1,4 @@
-"""The files of the flight side: configuration and robot, with no truth of an unknown body."""
+"""The files of the flight side: configuration and robot, without the truth of unknown bodies."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -33,9 +33,9 @@ def flight_document(
     stamp_noise_rad: float = 0.0,
     seed: int | None = 0,
 ) -> dict[str, Any]:
-    """Return the flight configuration: data sheets, mounting, known bodies, priors of the others.
+    """Return the flight configuration: data sheets, mounting, known bodies, priors of unknown ones.
 
-    Arm and calibration are declared as exact: they are those of the robot file and the scenario.
+    Arm and calibration are declared exact, because robot file and scenario hold the true values.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ def _orbit(section: OrbitSection, before_s: float) -> dict[str, Any]:
 
 
 def on_socketcan(scenario: Scenario) -> Scenario:
-    """Return the scenario with its buses on vcan0 and on, a redundant one behind them."""
+    """Return the scenario with its buses on vcan0, vcan1, ..., and a redundant bus on the next."""
     bus = {key: value for key, value in scenario.flight["bus"].items() if key != "port"}
     bus |= {"interface": "socketcan", "channel": "vcan0"}
     several = enumerate(scenario.flight.get("buses") or ())
@@ -140,7 +140,7 @@ def on_socketcan(scenario: Scenario) -> Scenario:
 
 
 def on_frames(scenario: Scenario) -> Scenario:
-    """Return the scenario with struct can_frame in its datagrams, as a socket of SocketCAN has."""
+    """Return the scenario with UDP datagrams that hold SocketCAN's struct can_frame."""
     bus = scenario.flight["bus"] | {"interface": "udp_frames"}
     return replace(scenario, flight=scenario.flight | {"bus": bus})
 
@@ -148,7 +148,7 @@ def on_frames(scenario: Scenario) -> Scenario:
 def write_flight(
     folder: Path, scenario: Scenario, priors: Mapping[str, Prior], document: Mapping[str, Any]
 ) -> Path:
-    """Write the flight configuration and the robot file it names; return the former's path."""
+    """Write the flight configuration and its robot file; return the path of the configuration."""
     folder.mkdir(parents=True, exist_ok=True)
     base: FloatArray = priors["base"].report if "base" in priors else scenario.truth["base"]
     (folder / URDF).write_text(replace_base(scenario.urdf, base), encoding="utf-8")

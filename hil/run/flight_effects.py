@@ -1,4 +1,4 @@
-"""Sections of the flight configuration on wheels, thrusters and modes, wrong by their sigmas."""
+"""Flight configuration of wheels, thrusters and modes, with errors drawn from their sigmas."""
 
 import math
 from collections.abc import Mapping
@@ -18,7 +18,7 @@ from hil.world.wheels import WheelSystem
 def draws(
     seed: int | None, device: str, shape: tuple[int, ...], index: int = 0, stream: int = 0
 ) -> FloatArray:
-    """Return unit draws of what is declared wrong; zeros without a seed."""
+    """Return standard normal draws for the errors of declared values; zeros if seed is None."""
     if seed is None:
         return np.zeros(shape)
     return np.asarray(generator(seed, device, index, stream).standard_normal(shape))
@@ -27,7 +27,7 @@ def draws(
 def wheel_sections(
     system: WheelSystem, sensors: WheelSensorConfig, seed: int | None
 ) -> list[dict[str, Any]]:
-    """Return the section `wheels`; each inertia errs by its sigma."""
+    """Return the section `wheels`; the error of each inertia is drawn from its sigma."""
     if len(sensors.nodes) != len(system.rotors):
         raise ScenarioError(
             f"sensors.wheels.nodes: {len(sensors.nodes)} nodes for {len(system.rotors)} wheels"
@@ -58,7 +58,7 @@ def wheel_sections(
 def thruster_sections(
     system: ThrusterSystem, sensors: ThrusterSensorConfig, seed: int | None
 ) -> list[dict[str, Any]]:
-    """Return the section `thrusters`; force, delay and rise time err by their sigmas."""
+    """Return the section `thrusters`; force, delay and rise time get errors from their sigmas."""
     off = draws(seed, "thruster", (4, len(system.jets)))
     force = system.force_sigma_ratio * math.sqrt(0.5) * (off[0, 0] + off[1])
     delay_s = np.maximum(system.delay_s - system.delay_sigma_s * off[2], 0.0)
@@ -86,7 +86,7 @@ def thruster_sections(
 def mode_sections(
     scenario: Scenario, told: Mapping[str, Any], seed: int | None
 ) -> list[dict[str, Any]]:
-    """Return the section `modes`; mass, frequency and damping of each err by their sigmas."""
+    """Return the section `modes`; mass, frequency and damping get errors from their sigmas."""
     parts: tuple[Sprung, ...] = (*scenario.slosh, *scenario.panels)
     kinds = ("mass", "frequency", "damping")
     sigma = np.array([told[f"{kind}_sigma_ratio"] for kind in kinds])

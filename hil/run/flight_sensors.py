@@ -1,4 +1,4 @@
-"""Sections of the flight configuration on joints, inertial unit and star tracker."""
+"""Sections of the flight configuration for joints, inertial unit and star tracker."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -20,11 +20,11 @@ OF_METRES = (("torque", "force"), ("_nms_rad", "_ns_m"), ("_rad", "_m"), ("_nm",
 
 
 def _nodes(sensors: SensorConfig, n: int) -> tuple[NodeConfig, ...]:
-    """Return the joint nodes, base to tool.
+    """Return the n joint nodes, base to tool; default nodes if the sensors name none.
 
     Raises
     ------
-    ScenarioError if their number is not the robot's.
+    ScenarioError if the sensors name another number of nodes than n.
     """
     default = tuple(NodeConfig(node_id=FIRST_NODE_ID + i) for i in range(n))
     nodes = sensors.joints.nodes or default
@@ -40,11 +40,11 @@ def joint_sections(
     begin_rad: Sequence[float],
     stamp_noise_rad: float,
 ) -> list[dict[str, Any]]:
-    """Return the section `joints`, base to tool; angles at the start count for speed encoders.
+    """Return the section `joints`, base to tool; only speed encoders use `begin_rad`.
 
     Raises
     ------
-    ScenarioError if the sensors have nodes of another number.
+    ScenarioError if the sensors name another number of nodes than joints.
     """
     rate_hz = float(flight["bus"]["rate_hz"])
     return [
@@ -66,7 +66,7 @@ def joint_sections(
 
 
 def torque_noise_nm(joints: JointSensorConfig, node: NodeConfig, rate_hz: float) -> float:
-    """Return 1 sigma of one torque sample with the wire's rounding."""
+    """Return 1 sigma of one torque sample [N m], including rounding on the wire."""
     sigma = _sigma(joints.torque_noise, rate_hz, joints.torque_noise_nm)
     return math.hypot(sigma, TORQUE_STEP_NM[node.format] / math.sqrt(12))
 
@@ -82,7 +82,7 @@ def position_noise_rad(
     *,
     is_prismatic: bool = False,
 ) -> float:
-    """Return 1 sigma of one position sample: noise, encoder step, wire step, uncertain stamp."""
+    """Return 1 sigma of one position sample: noise, encoder step, wire step, time-stamp noise."""
     encoder = 2 * math.pi / 2**joints.encoder_bits
     step = math.hypot(encoder, POSITION_STEP_RAD) / math.sqrt(12)
     step /= math.tau if is_prismatic else 1.0
@@ -91,7 +91,7 @@ def position_noise_rad(
 
 
 def _in_units_of(node: NodeConfig, joint: dict[str, Any]) -> dict[str, Any]:
-    """Return a joint's keys, those of a prismatic one in metres and newtons."""
+    """Return a joint's section; for a prismatic joint, rename keys to metres and newtons."""
     if not node.is_prismatic:
         return joint
     named = {"kind": "prismatic"}
@@ -110,7 +110,7 @@ def _angle(
     stamp_noise_rad: float,
     rate_hz: float,
 ) -> dict[str, Any]:
-    """Return what the flight side knows of a node's encoder; `start_rad`: declared start angle."""
+    """Return the encoder's keys of a joint's section; `start_rad` is the declared start angle."""
     if node.encoder == "speed":
         step = POSITION_STEP_RAD / (math.tau if node.is_prismatic else 1.0)
         return {
@@ -131,7 +131,7 @@ def _angle(
 def _torque(
     joints: JointSensorConfig, node: NodeConfig, flight: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return what the flight side knows of a node's torque sensor."""
+    """Return the torque sensor's keys of a joint's section."""
     if not node.torque_sensor:
         return {"torque": "none"}
     friction = {
@@ -183,7 +183,7 @@ def imu_section(sensors: SensorConfig, folder: Path) -> dict[str, Any]:
 
 
 def star_tracker_section(sensors: SensorConfig, folder: Path) -> dict[str, Any]:
-    """Return the section `star_tracker`, empty without one; its port is a serial line too."""
+    """Return the section `star_tracker`, empty without a tracker; the port is in `folder`."""
     tracker = sensors.star_tracker
     if tracker is None:
         return {}
@@ -203,7 +203,7 @@ def star_tracker_section(sensors: SensorConfig, folder: Path) -> dict[str, Any]:
 
 
 def bound_sensors(scenario: Scenario, n: int) -> Sensors:
-    """Return the raw sensors' white noise at native rates; rounding of the wire is not in it."""
+    """Return the sensors' white noise at their native rates, without rounding on the wire."""
     sensors = SensorConfig.from_dict(scenario.sensors)
     imu = sensors.imu
     rate_hz = float(scenario.flight["bus"]["rate_hz"])

@@ -1,6 +1,6 @@
-"""Blocks of one virtual flight: the whole chain of plant, devices and daemon, without a recording.
+"""Blocks of one run in virtual time, from plant, devices and daemon, without a recording.
 
-For measurements that need the daemon's own input and must not ask the user for a recording.
+It serves measurements that need real blocks but no recording of the user.
 """
 
 import tempfile
@@ -18,7 +18,7 @@ from hil.world.scenario import load
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Flown:
-    """Output of a flight; its robot is read, its folder is deleted."""
+    """Output of a run: robot and blocks are in memory, the run's folder is deleted."""
 
     config: Config
     model: RobotModel
@@ -26,7 +26,7 @@ class Flown:
 
 
 def fly(scenario: str, seed: int) -> Flown:
-    """Fly a scenario in virtual time; blocks depend on scenario and seed alone."""
+    """Simulate a scenario in virtual time; the blocks depend only on scenario and seed."""
     with tempfile.TemporaryDirectory(prefix="hil-") as folder:
         setup = prepare(load(scenario), seed, Path(folder))
         recorded = run_virtual(setup, Quiet(), record=False)

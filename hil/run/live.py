@@ -1,4 +1,4 @@
-"""A run in real time: the plant and the daemon as processes of their own, watched from here."""
+"""A run in real time: this module starts and watches the processes of plant and daemon."""
 
 import json
 import os
@@ -24,8 +24,8 @@ from hil.run.progress import Meter
 START_TIMEOUT_S = 60.0
 STOP_TIMEOUT_S = 60.0
 POLL_S = 0.1
-_CLAIMS: list[socket.socket] = []  # of UDP ports
-PROCESS = re.compile(r"fsw\.(?:loop\.)?(\w+)\.process")  # the module of one of the daemon's
+_CLAIMS: list[socket.socket] = []  # sockets that claim UDP ports
+PROCESS = re.compile(r"fsw\.(?:loop\.)?(\w+)\.process")  # module of a process of the daemon
 
 
 class LiveError(RuntimeError):
@@ -36,7 +36,7 @@ class LiveError(RuntimeError):
 class Outcome:
     """Output of the processes."""
 
-    recordings: tuple[Path, ...]  # the parts this run has left
+    recordings: tuple[Path, ...]  # the files of this run, oldest first
     final: Mapping[str, Any]  # the last /estimate message
     status: Mapping[str, Any]  # the last /tm message
     plant: Mapping[str, Any]  # the plant's closing line: origin_ns, imu, stalls_ns
@@ -45,9 +45,9 @@ class Outcome:
 
 
 def free_udp_ports(count: int) -> list[int]:
-    """Return UDP ports nobody uses now, all different, and no other bench takes until this ends.
+    """Return different unused UDP ports; no other bench gets them until this process ends.
 
-    A bus over multicast opens its port long after this, and two benches may open one at once.
+    A multicast bus opens its port much later, and two benches could open the same port.
     """
     with ExitStack() as probes:
         ports: list[int] = []
@@ -61,11 +61,11 @@ def free_udp_ports(count: int) -> list[int]:
 
 
 def _claimed(port: int) -> bool:
-    """Claim a port among the benches of this machine, for the life of this process."""
+    """Claim a port for the life of this process; return False if another bench has it."""
     claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     try:
         claim.bind(f"\0hil-udp-port-{port}")
-    except OSError:  # another's
+    except OSError:  # claimed by another bench
         claim.close()
         return False
     _CLAIMS.append(claim)
@@ -73,7 +73,7 @@ def _claimed(port: int) -> bool:
 
 
 def free_tcp_port() -> int:
-    """Return a TCP port nobody listens on now."""
+    """Return a TCP port on which no process listens now."""
     with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
         probe.bind(("127.0.0.1", 0))
         port: int = probe.getsockname()[1]
@@ -81,7 +81,7 @@ def free_tcp_port() -> int:
 
 
 def require_multicast(bus: Mapping[str, Any]) -> None:
-    """Raise LiveError, with the cure, where a bus over IPv4 multicast has no route here."""
+    """Raise LiveError with the remedy if a bus over IPv4 multicast has no route here."""
     group = str(bus.get("channel"))
     if bus.get("interface") not in ("udp_multicast", "udp_frames") or ":" in group:
         return
@@ -102,16 +102,16 @@ Disturb = Callable[[float, int, int], None]  # seconds done, process ids of plan
 
 
 def children(pid: int) -> list[int]:
-    """Return the processes a process has started."""
+    """Return the ids of the processes that a process has started; none if it has ended."""
     try:
         text = Path(f"/proc/{pid}/task/{pid}/children").read_text(encoding="ascii")
-    except (FileNotFoundError, ProcessLookupError):  # ended before, or while it was read
+    except (FileNotFoundError, ProcessLookupError):  # the process has ended
         return []
     return [int(word) for word in text.split()]
 
 
 def processes_of(daemon: int) -> dict[str, int]:
-    """Return the identifiers of a daemon's own processes: `service`, `estimation`."""
+    """Return the process ids of a daemon's children by name: `service`, `estimation`."""
     found: dict[str, int] = {}
     for pid in children(daemon):
         with suppress(FileNotFoundError, ProcessLookupError):
@@ -121,18 +121,18 @@ def processes_of(daemon: int) -> dict[str, int]:
 
 
 def nothing(_done_s: float, _plant: int, _daemon: int) -> None:
-    """Leave a run alone."""
+    """Do not disturb the run."""
 
 
 class Announcement:
-    """Says once that the daemon's link is open: commands sent before are refused."""
+    """Prints once that the daemon's link is open; commands sent earlier are refused."""
 
     def __init__(self, folder: Path) -> None:
         self._state = folder / "state" / "status.json"
         self._is_said = False
 
     def __call__(self, _done_s: float, _plant: int, _daemon: int) -> None:
-        """Look at the daemon's status."""
+        """Read the daemon's status; print the link's port when it is first known."""
         status = None if self._is_said else read_status(self._state)
         port = (status or {}).get("telemetry", {}).get("port")
         if port:
@@ -149,7 +149,7 @@ def run(
 
     Raises
     ------
-    LiveError naming the process that failed, with the end of its log.
+    LiveError with the name of the process that failed and the end of its log.
     """
     folder = config.parent
     state = folder / "state" / "status.json"
@@ -182,7 +182,7 @@ def run(
 
 @contextmanager
 def process_of(name: str, arguments: list[str], folder: Path) -> Iterator[subprocess.Popen[str]]:
-    """Start a Python process with its errors in a log file; kill it if it outlives the block."""
+    """Start a Python process with a log file; kill it if it still runs at the block's end."""
     with (folder / f"{name}.log").open("w", encoding="utf-8") as log:
         process = subprocess.Popen(
             tied([sys.executable, *arguments]),
@@ -203,14 +203,14 @@ def process_of(name: str, arguments: list[str], folder: Path) -> Iterator[subpro
 
 @contextmanager
 def started_plant(plant_file: Path, folder: Path) -> Iterator[subprocess.Popen[str]]:
-    """Start the plant and wait until it is ready. Raises LiveError."""
+    """Start the plant and wait until it is ready. Raises LiveError if it does not start."""
     with process_of("plant", ["-m", "hil.devices", str(plant_file)], folder) as plant:
         wait_ready(plant, folder)
         yield plant
 
 
 def wait_ready(plant: subprocess.Popen[str], folder: Path) -> None:
-    """Read the plant's first line; it simulates the truth before that."""
+    """Wait until the plant has simulated the truth. Raises LiveError if the plant ends before."""
     line = plant.stdout.readline() if plant.stdout is not None else ""
     if not line or not json.loads(line).get("ready"):
         raise LiveError(f"the plant did not start; {_tail(folder, 'plant')}")
@@ -225,7 +225,7 @@ def _watch(
     folder: Path,
     disturb: Disturb,
 ) -> None:
-    """Follow the daemon's status file until the motion and its tail are over."""
+    """Follow the daemon's status until `total_s` has passed. Raises LiveError if a process ends."""
     began_s = time.monotonic()
     first: tuple[int, int] | None = None
     while True:
@@ -249,7 +249,7 @@ def _watch(
 
 
 def read_status(path: Path) -> dict[str, Any] | None:
-    """Return the daemon's status; None while there is none."""
+    """Return the daemon's status; None if the file is missing or invalid."""
     try:
         status = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -267,7 +267,7 @@ def stop_process(process: subprocess.Popen[str], name: str) -> int:
 
 
 def _last_messages(recording: Path, topics: tuple[str, ...]) -> dict[str, Any]:
-    """Return the last message of each topic; a recording may break off where its writer died."""
+    """Return the last message of each topic; the recording may be truncated."""
     last: dict[str, bytes] = {}
     with recording.open("rb") as file, suppress(McapError):
         messages = NonSeekingReader(file).iter_messages(list(topics), log_time_order=False)
@@ -277,7 +277,7 @@ def _last_messages(recording: Path, topics: tuple[str, ...]) -> dict[str, Any]:
 
 
 def events_of(recordings: Sequence[Path]) -> list[Event]:
-    """Return the daemon's own events; a replay, which has no clock, does not know its stalls."""
+    """Return the recorded events; a replay has no clock and cannot find the daemon's stalls."""
     events = []
     for part in recordings:
         with part.open("rb") as file, suppress(McapError):
@@ -287,11 +287,11 @@ def events_of(recordings: Sequence[Path]) -> list[Event]:
 
 
 def estimate_by(recordings: Sequence[Path], end_ns: int) -> dict[str, Any]:
-    """Return a run's last estimate that is not after a time [ns].
+    """Return a run's last estimate whose time is at most `end_ns`.
 
     Raises
     ------
-    LiveError when there is none.
+    LiveError if there is no such estimate.
     """
     last: dict[str, Any] | None = None
     for part in recordings:

@@ -1,4 +1,4 @@
-"""The file of the plant in real time: the truth, which the flight side never reads."""
+"""The plant's file for a run in real time: the truth, which the flight side never reads."""
 
 import os
 from collections.abc import Mapping

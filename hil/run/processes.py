@@ -1,7 +1,7 @@
-"""Processes that end with the process that started them, however that one ends.
+"""Child processes that end when their parent ends, whatever ends the parent.
 
-The kernel kills them (`PR_SET_PDEATHSIG`, prctl(2)) when the thread that started them is gone.
-Whatever starts further processes ties those itself: the signal reaches children, not grandchildren.
+The kernel kills a child (`PR_SET_PDEATHSIG`, prctl(2)) when the thread that started it has ended.
+It does not kill grandchildren, so a child that starts processes ties them to itself.
 """
 
 import ctypes
@@ -17,16 +17,16 @@ RUN_UNLESS_ORPHANED = 'test "$PPID" -eq "$0" && exec "$@"'  # the parent may be 
 
 
 def tied(argv: Sequence[str], env: Mapping[str, str] | None = None) -> list[str]:
-    """Return the command line that runs a command as long as this process lives, and no longer.
+    """Return a command line that runs a command and is killed when this process ends.
 
     Parameters
     ----------
     argv : the command and its arguments
-    env : the environment it will be given, this process's if None; its PATH is searched
+    env : the command's environment, whose PATH is searched; None: this process's environment
 
     Raises
     ------
-    FileNotFoundError when there is no such program.
+    FileNotFoundError if PATH has no such program, or no setpriv.
     """
     path = (os.environ if env is None else env).get("PATH")
     for name in (argv[0], "setpriv"):
@@ -37,14 +37,14 @@ def tied(argv: Sequence[str], env: Mapping[str, str] | None = None) -> list[str]
 
 
 def end_with(parent: int) -> None:
-    """Have the kernel kill this process when the parent has ended; end now if it has already."""
+    """Have the kernel kill this process when the parent ends; exit now if the parent has ended."""
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != parent:
         os._exit(1)
 
 
 def end_with_driver() -> None:
-    """Tie a pool's worker to the process of the pool; an interrupt is for that process alone."""
+    """Tie a pool's worker to the pool's process; the worker ignores SIGINT."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     driver = multiprocessing.parent_process()
     if driver is not None and driver.pid is not None:
@@ -52,7 +52,7 @@ def end_with_driver() -> None:
 
 
 def resident_bytes(pid: int | str = "self") -> int:
-    """Return the memory a process has; 0 of one that has ended."""
+    """Return the resident memory of a process [bytes]; 0 if the process has ended."""
     try:
         text = Path(f"/proc/{pid}/statm").read_text(encoding="ascii")
     except (FileNotFoundError, ProcessLookupError):

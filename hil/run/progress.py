@@ -17,7 +17,7 @@ class Meter(Protocol):
 
 
 class Quiet:
-    """A meter nobody looks at."""
+    """A meter that shows nothing."""
 
     def update(self, done_s: float, summary: Mapping[str, Any] | None) -> None:
         """Show nothing."""
