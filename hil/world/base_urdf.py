@@ -1,4 +1,4 @@
-"""The robot file that the flight side reads: without the true base, where that is unknown."""
+"""Robot files for the flight side, without the true base if the base is unknown."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -14,7 +14,7 @@ _KEYS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 def replace_base(urdf: Path, root_report: FloatArray) -> str:
     """Return the text of a URDF whose root link has the given inertial data.
 
-    An unknown base must not stand in the robot file the flight side reads.
+    The robot file that the flight side reads must not hold the truth of an unknown base.
     """
     tree = ElementTree.parse(urdf)
     root = tree.getroot()
@@ -27,7 +27,7 @@ def replace_base(urdf: Path, root_report: FloatArray) -> str:
 
 
 def change_links(urdf: str, changes: Mapping[str, Callable[[FloatArray], FloatArray]]) -> str:
-    """Return the text of a URDF in which some links have other inertial data: report to report."""
+    """Return a URDF's text with new inertial data; `changes` maps a link's report to a new one."""
     root = ElementTree.fromstring(urdf)
     for link in root.iter("link"):
         inertial = link.find("inertial")

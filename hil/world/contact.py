@@ -1,4 +1,4 @@
-"""The target held to a fixture at rest in inertial axes, for a time: a soft spring and damper."""
+"""A contact: for a time, a soft spring and damper hold the target to a fixture at rest in N."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -13,7 +13,7 @@ from hil.world.robot import TARGET
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Contact:
-    """From `from_s` on the target's centre of mass is held where it is then, until `to_s`."""
+    """From `from_s` to `to_s` the target is held at the pose that it has at `from_s`."""
 
     __pydantic_config__ = ConfigDict(extra="forbid")
     from_s: float
@@ -25,7 +25,7 @@ class Contact:
 
 
 class Fixture:
-    """A contact in one simulation: the truth's wrench, called at increasing times."""
+    """A contact as the wrench of one simulation, which calls it at increasing times."""
 
     def __init__(self, contact: Contact) -> None:
         self._contact = contact

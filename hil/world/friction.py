@@ -1,4 +1,4 @@
-"""Friction that a link-side torque sensor sees: of bearing, seal and cables beyond it."""
+"""Friction of bearing, seal and cables on the link side, which the torque sensor measures."""
 
 from dataclasses import dataclass
 
@@ -9,9 +9,9 @@ from hil.world.inertia import FloatArray
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class JointFriction:
-    """Coulomb and viscous friction of n joints; either sign, as a compensation leaves it.
+    """Coulomb and viscous friction of n joints, of either sign: the residual of a compensation.
 
-    The Coulomb part turns over linearly between -speed and speed, where a joint creeps.
+    The Coulomb part is linear in the rate between -speed_rad_s and speed_rad_s.
     """
 
     coulomb_nm: FloatArray  # (n,)
@@ -19,7 +19,7 @@ class JointFriction:
     speed_rad_s: float
 
     def torque_nm(self, qd: FloatArray) -> FloatArray:
-        """Return the share of friction in the measured torque at joint rates (..., n) [rad/s]."""
+        """Return the friction in the measured torque [N m] at joint rates (..., n) [rad/s]."""
         direction = np.clip(qd / self.speed_rad_s, -1.0, 1.0)
         torque: FloatArray = self.coulomb_nm * direction + self.viscous_nms_rad * qd
         return torque
@@ -33,7 +33,7 @@ def draw_friction(
     viscous_sigma_nms_rad: float,
     speed_rad_s: float = 0.01,
 ) -> JointFriction:
-    """Draw the friction of n joints, Gaussian about none."""
+    """Draw the friction of n joints from normal distributions with mean zero."""
     coulomb, viscous = rng.standard_normal((2, n))
     return JointFriction(
         coulomb_nm=coulomb_sigma_nm * coulomb,

@@ -29,7 +29,7 @@ _CUBIC = np.array([[1, 0, 0, 0], [0, 1, 0, 0], [-3, -2, 3, -1], [2, 1, -2, 1]], 
 
 
 class _Place(NamedTuple):
-    """Node before every time (k,), and weights of the derivatives of this node and the next."""
+    """The node before each of k times, and weights of the derivatives of this node and the next."""
 
     node: NDArray[np.intp]
     quintic: FloatArray  # (k, 1, 6)
@@ -37,7 +37,7 @@ class _Place(NamedTuple):
 
 
 class Field(Protocol):
-    """Gravity in a freely falling frame: uniform part, and gradient about the centre of mass."""
+    """Gravity in a freely falling frame: a uniform part and a gradient about the centre of mass."""
 
     def at(self, t_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the uniform part (k, 3) [m/s^2] and the gradient (k, 3, 3) [1/s^2], in N."""
@@ -46,7 +46,7 @@ class Field(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TruthState:
-    """True state at the asked times, shape (...) in front. SI units.
+    """True state at the requested times, whose shape is (...). SI units.
 
     N inertial, B base body; the base origin is the origin of the URDF's root link.
     """
@@ -64,7 +64,7 @@ class TruthState:
     wd_NB_B: FloatArray  # (..., 3) [rad/s^2]
     a_NB_B: FloatArray  # (..., 3) classical acceleration of the base origin, base axes [m/s^2]
     g_NB_B: FloatArray  # (..., 3) gravity at the base origin, base axes [m/s^2]
-    gradient_B: FloatArray  # (..., 3, 3) its gradient, base axes [1/s^2]
+    gradient_B: FloatArray  # (..., 3, 3) gradient of gravity, base axes [1/s^2]
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,12 +86,12 @@ class TruthHistory:
     liquid_m: FloatArray | None = None  # (k, s) displacement along every slide
     wheel_rad_s: FloatArray | None = None  # (k, w) speed of every wheel relative to the base
     wheel_rad_s2: FloatArray | None = None
-    motor_nm: FloatArray | None = None  # (k, w) its motor's torque on the rotor
+    motor_nm: FloatArray | None = None  # (k, w) torque of every wheel's motor on its rotor
     field: Field | None = None
-    centre_N: FloatArray | None = None  # (k, 3) centre of mass of the whole; with a field
+    centre_N: FloatArray | None = None  # (k, 3) centre of mass of the robot; only with a field
 
     def save(self, path: Path, scenario: str) -> None:
-        """Write the nodes with the name of their scenario; a field is not kept.
+        """Write the nodes and the name of their scenario; a history with a field has no file form.
 
         Raises
         ------
@@ -105,11 +105,11 @@ class TruthHistory:
 
     @staticmethod
     def load(path: Path) -> tuple[TruthHistory, str]:
-        """Read what `save` wrote: the history and the scenario's name.
+        """Read a file of `save`; return the history and the scenario's name.
 
         Raises
         ------
-        OSError, ValueError for a file that is none.
+        OSError, ValueError if the file is not a stored history.
         """
         with np.load(path) as stored:
             given = dict(stored)
@@ -131,7 +131,7 @@ class TruthHistory:
 
     @cached_property
     def _quintics(self) -> FloatArray:
-        """Joint positions, base origin, quaternion; with two derivatives, as `_pairs` has them."""
+        """Return `_pairs` of joint positions, base origin and quaternion with two derivatives."""
         first = 0.5 * _times_vector(self.quat_wxyz, self.w_B)
         second = 0.5 * (_times_vector(first, self.w_B) + _times_vector(self.quat_wxyz, self.wd_B))
         return _pairs(
@@ -142,7 +142,7 @@ class TruthHistory:
 
     @cached_property
     def _cubics(self) -> FloatArray:
-        """All else with its derivative, by differences where no channel is it; see `_pairs`."""
+        """Return `_pairs` of all other channels and their slopes (differences if not stored)."""
         centre = np.empty((len(self.q), 0)) if self.centre_N is None else self.centre_N
         by_differences = np.hstack([self.qdd, self.tau, self.wd_B, self.a_N, centre])
         slopes = [self.qdd, self.a_N, self.wd_B, slope(by_differences, self.dt_s)]
@@ -155,8 +155,8 @@ class TruthHistory:
         """Evaluate the motion.
 
         Positions and attitude are quintic Hermite polynomials through position, velocity and
-        acceleration of the nodes, velocities cubic ones through velocity and acceleration;
-        accelerations and torques cubic ones with slopes from differences. (Second derivatives
+        acceleration of the nodes. Velocities are cubic through velocity and acceleration;
+        accelerations and torques are cubic with slopes from differences. (Second derivatives
         of the quintic would multiply the integrator's error per step by 1 / dt^2.)
 
         Raises
@@ -237,9 +237,9 @@ class TruthHistory:
 
 
 def _pairs(*derivatives: FloatArray) -> FloatArray:
-    """Return all derivatives (each (k, m)) of every node and the next one, a view (k - 1, 2 d, m).
+    """Return d derivatives (k, m) of every node and of the next node, as a view (k - 1, 2 d, m).
 
-    The two nodes' derivatives stand in a row in memory.
+    The derivatives of both nodes are adjacent in memory.
     """
     nodes = np.stack(derivatives, axis=1)
     count, d, m = nodes.shape
@@ -249,7 +249,7 @@ def _pairs(*derivatives: FloatArray) -> FloatArray:
 
 
 def rotation_matrices(quat_wxyz: FloatArray) -> FloatArray:
-    """Rotation matrices (..., 3, 3) of unit quaternions (..., 4), scalar first."""
+    """Return rotation matrices (..., 3, 3) of unit quaternions (..., 4), scalar first."""
     w, x, y, z = np.moveaxis(quat_wxyz, -1, 0)
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -260,14 +260,14 @@ def rotation_matrices(quat_wxyz: FloatArray) -> FloatArray:
 
 
 def _times_vector(quat_wxyz: FloatArray, v: FloatArray) -> FloatArray:
-    """Quaternion product with the pure quaternion (0, v)."""
+    """Return the quaternion product with the pure quaternion (0, v)."""
     scalar, vector = quat_wxyz[..., :1], quat_wxyz[..., 1:]
     real = -np.sum(vector * v, axis=-1, keepdims=True)
     return np.concatenate([real, scalar * v + np.cross(vector, v)], axis=-1)
 
 
 def slope(x: FloatArray, h: float) -> FloatArray:
-    """Fourth-order central differences, second order at the two ends."""
+    """Return fourth-order central differences; the two nodes at each end have second order."""
     slope = np.gradient(x, h, axis=0, edge_order=2)
     if len(x) > 4:
         slope[2:-2] = (8 * (x[3:-1] - x[1:-3]) - (x[4:] - x[:-4])) / (12 * h)

@@ -27,7 +27,7 @@ def six_of(matrix: FloatArray) -> FloatArray:
 
 
 def steiner(mass_kg: float, com_m: FloatArray) -> FloatArray:
-    """Return m (c.c 1 - c c^T), what moves a central inertia to the frame's origin."""
+    """Return m (c.c 1 - c c^T) (3, 3): inertia about the origin less that about the CoM."""
     return np.asarray(mass_kg * (com_m @ com_m * np.eye(3) - np.outer(com_m, com_m)))
 
 
@@ -62,7 +62,7 @@ def pi_jacobian(report: FloatArray) -> FloatArray:
 
 
 def report_covariance(pi: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Return the covariance (10, 10) of the report, linearised at pi, of that of pi."""
+    """Return the report's covariance (10, 10) from the covariance of pi, linearised at pi."""
     J = pi_jacobian(report_of(pi))
     half = np.linalg.solve(J, covariance)
     return np.asarray(np.linalg.solve(J, half.T))
@@ -71,8 +71,8 @@ def report_covariance(pi: FloatArray, covariance: FloatArray) -> FloatArray:
 def is_physical(report: FloatArray, margin_ratio: float = 0.0) -> bool:
     """Return whether a body of positive density can have these parameters.
 
-    Positive mass, and each principal moment below the sum of the other two by `margin_ratio` of
-    that sum: the same as a positive definite pseudo-inertia.
+    The mass is positive, and the largest principal moment is below the sum of the others times
+    (1 - margin_ratio). With ratio 0 this means a positive definite pseudo-inertia.
     """
     moments = np.linalg.eigvalsh(symmetric(report[4:]))
     apart = (1.0 - margin_ratio) * (moments[0] + moments[1])
@@ -80,7 +80,7 @@ def is_physical(report: FloatArray, margin_ratio: float = 0.0) -> bool:
 
 
 def frame_map(R_AB: FloatArray, p_AB_m: FloatArray) -> FloatArray:
-    """Return T (10, 10), pi seen from frame A = T pi seen from frame B; p_AB_m is B's origin in A.
+    """Return T (10, 10) with (pi in frame A) = T (pi in frame B); p_AB_m is the origin of B in A.
 
     Mass, first moment h and inertia J about the origin transform as h' = R h + m p,
     J' = R J R^T + (second-moment terms of the shift).

@@ -16,9 +16,9 @@ FloatArray = NDArray[np.float64]
 class Limits:
     """Bounds on the motion.
 
-    Vectors of the base are bounded by their Euclidean norm, its attitude excursion by the angle
-    of the rotation since the start: stricter than component by component. The paper does not
-    say which. Tool quantities are relative to the arm's base (frame of the first joint at zero).
+    Bounds on the base apply to the norm of a vector and to the angle of rotation since the start.
+    This is stricter than bounds on components; the paper does not say which it means. Tool
+    quantities are relative to the arm's base (frame of the first joint at zero).
     """
 
     attitude_rad: float = float(np.deg2rad(10.0))
@@ -47,7 +47,7 @@ def check(
 
     Returns
     -------
-    one entry per limit; `tool_height_m` has no ratio but 0 (kept) or infinity (broken)
+    one entry per limit; the ratio of `tool_height_m` is 0 (kept) or infinity (broken)
     """
     bound = limits or Limits()
     turn = rotation_matrices(history.quat_wxyz)
@@ -69,18 +69,18 @@ def check(
 
 
 def worst(checks: dict[str, LimitCheck]) -> tuple[str, LimitCheck]:
-    """Return the limit of which most is used."""
+    """Return name and check of the limit with the largest ratio."""
     return max(checks.items(), key=lambda item: item[1].ratio)
 
 
 def arm_tool_positions(robot: Robot, q_rad: FloatArray) -> FloatArray:
-    """Tool origin relative to the arm's base, in the arm base's axes, (k, 3) [m]."""
+    """Return the tool origin relative to the arm's base, in the arm base's axes, (k, 3) [m]."""
     p_BE, _ = robot.tool_poses(q_rad)
     return np.asarray((p_BE - robot.mount_p_BM_B_m) @ robot.mount_R_BM, dtype=np.float64)
 
 
 def rotation_angles(R: FloatArray) -> FloatArray:
-    """Angles [rad] of rotation matrices (k, 3, 3), exact near zero."""
+    """Return the angles [rad] of rotation matrices (k, 3, 3), exact near zero."""
     twice_sine = np.stack(
         [R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=-1
     )
@@ -89,7 +89,7 @@ def rotation_angles(R: FloatArray) -> FloatArray:
 
 
 def _range_ratio(robot: Robot, q: FloatArray) -> FloatArray:
-    """Share of the joint's range used from its middle; 0 for a joint without limits."""
+    """Return how much of its half range each bounded joint uses, -1 to 1 within the limits."""
     bounded = np.isfinite(robot.upper_rad)
     lower, upper = robot.lower_rad[bounded], robot.upper_rad[bounded]
     return np.asarray((2.0 * q[:, bounded] - upper - lower) / (upper - lower), dtype=np.float64)

@@ -1,8 +1,8 @@
-"""Noise of one sensor channel as a profile says it: Simulink's band-limited white noise, or white.
+"""Noise of sensor channels: Simulink's band-limited white noise, and torque hysteresis.
 
 Source of the paper's profile: Rackl, Lampariello, Albu-Schaeffer (2013), sec. 3.2: band-limited
 white noise of power 0.1 at 0.1 ms with seed 23000 and gain 0.01 on joint angle, torque, attitude,
-base acceleration and base rate. What that means is not certain, so the readings are options.
+base acceleration and base rate. The paper does not define these numbers, so readings are options.
 """
 
 import math
@@ -22,11 +22,11 @@ BLOCK_STREAM = 401  # spawn key of the noise blocks, apart from every device's
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BandLimitedWhiteNoise:
-    """A Simulink block of that name behind a gain, sampled down to a device's rate.
+    """Simulink's block Band-Limited White Noise times a gain, sampled at a device's rate.
 
-    The block holds a new Gaussian value every `sample_time_s`, of variance power / sample_time_s
-    ("literal"); "variance" takes the power for the variance. `pick` reads the value that is held,
-    `average` the mean over the device's period.
+    The block draws a Gaussian value every `sample_time_s`. The variance is power / sample_time_s
+    with `reading` "literal", and power with "variance". A sample is one value of the block with
+    `decimation` "pick", and the mean over the device's period with "average".
     """
 
     __pydantic_config__ = STRICT
@@ -40,21 +40,21 @@ class BandLimitedWhiteNoise:
 
     @property
     def block_sigma(self) -> float:
-        """1 sigma of one value of the block behind the gain."""
+        """Return 1 sigma of one value of the block times the gain."""
         variance = self.power / self.sample_time_s if self.reading == "literal" else self.power
         return abs(self.gain) * math.sqrt(variance)
 
     def sigma(self, rate_hz: float) -> float:
-        """Return 1 sigma of one sample at a device's rate."""
+        """Return 1 sigma of one sample at a device's rate [Hz]."""
         held = self.held(rate_hz) if self.decimation == "average" else 1
         return self.block_sigma / math.sqrt(held)
 
     def held(self, rate_hz: float) -> int:
-        """Return the block's values per sample of a device.
+        """Return the number of block values in one sample of a device.
 
         Raises
         ------
-        ValueError if they are no whole number.
+        ValueError if that is not a whole number.
         """
         count = 1.0 / (rate_hz * self.sample_time_s)
         if count < 1.0 - 1e-9 or abs(count - round(count)) > 1e-6:
@@ -70,10 +70,10 @@ class NoiseStream:
     Parameters
     ----------
     noise : the profile
-    rate_hz : of the device
-    axes : columns
-    run_seed, channel : the run's seed and the channel's number; not used by a shared sequence,
-        whose only seed is the block's own
+    rate_hz : sample rate of the device [Hz]
+    axes : number of columns of the samples
+    run_seed, channel : the run's seed and the channel's number; a shared sequence uses neither,
+        only the seed of the block
     """
 
     def __init__(
@@ -99,9 +99,9 @@ class NoiseStream:
 
 
 class Hysteresis:
-    """Rate-independent hysteresis of a torque sensor: a stop of small width, scaled.
+    """Rate-independent hysteresis of n torque sensors: a scaled stop operator.
 
-    The error runs from -size to +size while the torque rises by 2 `width`, and back when it falls.
+    The error goes from -size to +size while the torque rises by 2 `width`, and back when it falls.
     """
 
     def __init__(self, size_nm: float, width_nm: float, n: int) -> None:
@@ -110,7 +110,7 @@ class Hysteresis:
         self._last: FloatArray | None = None
 
     def error_nm(self, tau_nm: FloatArray) -> FloatArray:
-        """Return the error (n,) at the next torque."""
+        """Return the errors (n,) [N m] at the next torques (n,) [N m]."""
         if self._last is not None:
             self._stop = np.clip(self._stop + tau_nm - self._last, -self._width, self._width)
         self._last = np.array(tau_nm)

@@ -12,11 +12,11 @@ from hil.world.inertia import FloatArray, is_physical
 from hil.world.scenario import BODY_NAMES
 
 PRIOR_STREAM = 71  # spawn key of the prior's draws, apart from every device's
-OFF_RATIO = (0.3, 0.5)  # how far off a prior is, of the value or its floor
-SIGMA_RATIO = 0.5  # rms of the above seen from the prior: 0.4 / (1 -+ 0.4)
+OFF_RATIO = (0.3, 0.5)  # error of a prior relative to the value or its floor
+SIGMA_RATIO = 0.5  # rms of this error relative to the prior: 0.4 / (1 -+ 0.4)
 COM_FLOOR_RATIO = 0.3  # of the distance of the centre of mass from the origin
 PRODUCT_FLOOR_RATIO = 0.1  # of the mean moment of inertia
-MARGIN_RATIO = 0.02  # a prior keeps this distance from the triangle inequality's edge
+MARGIN_RATIO = 0.02  # of a prior in the triangle inequality of its moments
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -28,12 +28,12 @@ class Prior:
 
 
 def draw_prior(truth: FloatArray, seed: int, body: str) -> Prior:
-    """Draw a prior 30-50 % off in every value, physically consistent, with its sigma.
+    """Draw a physically consistent prior with errors of 30-50 % in every value, and its sigma.
 
-    Every value errs by a random sign times 30-50 % of its own size, or of its floor where it is
-    small beside the body's other values (a component of the centre of mass, a product of inertia).
-    Draws that no body of positive density could have are drawn again. The sigma is taken from the
-    prior alone by the same rule: it says how large the error may be and nothing of the truth.
+    The error of a value is a random sign times 30-50 % of the value's size, or of a floor if the
+    value is small (a component of the centre of mass, a product of inertia). A draw that no body
+    of positive density can have is repeated. The sigma follows from the prior by the same rule,
+    so it contains nothing of the truth.
     """
     place = BODY_NAMES.index(body) if body in BODY_NAMES else zlib.crc32(body.encode())
     key = (PRIOR_STREAM, place)
@@ -47,7 +47,7 @@ def draw_prior(truth: FloatArray, seed: int, body: str) -> Prior:
 
 
 def _scale(report: FloatArray) -> FloatArray:
-    """Return the size (10,) an error of each value is measured against."""
+    """Return the size (10,) of each value to which its error is relative: magnitude or floor."""
     scale = np.abs(report)
     com = COM_FLOOR_RATIO * np.linalg.norm(report[1:4])
     product = PRODUCT_FLOOR_RATIO * np.mean(report[[4, 7, 9]])

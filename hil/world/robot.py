@@ -25,7 +25,7 @@ from hil.world.wheels import WheelSystem
 
 FloatArray = NDArray[np.float64]
 
-TARGET = "grasped target"  # its body in the model
+TARGET = "grasped target"  # name of the target's body in the model
 BASE_NV = 6
 BASE_NQ = 7
 
@@ -47,7 +47,7 @@ def body_of(report: FloatArray) -> Body:
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """One URDF link and the joint that carries it; `axis` is None where it is fixed."""
+    """One URDF link and the joint that carries it; `axis` is None if the joint is fixed."""
 
     name: str
     parent: str | None
@@ -56,7 +56,7 @@ class Link:
     q_PL_xyzw: tuple[float, float, float, float]
     joint: str
     axis: tuple[float, float, float] | None
-    is_prismatic: bool  # then in m and N
+    is_prismatic: bool  # if true, limits and effort are in m, m/s and N
     lower_rad: float
     upper_rad: float
     effort_nm: float
@@ -65,7 +65,7 @@ class Link:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Robot:
-    """The compiled model: nv = 6 + n, base first, every joint after the one that carries it."""
+    """The compiled model: 6 base velocities, slides, wheels, then n joints, carriers first."""
 
     model: mujoco.MjModel
     joint_names: tuple[str, ...]
@@ -76,8 +76,8 @@ class Robot:
     tool_id: int
     mount_p_BM_B_m: FloatArray  # (3,) base of the arm that grasps: frame of its first joint at zero
     mount_R_BM: FloatArray  # (3, 3)
-    slides: tuple[Sprung, ...] = ()  # the part of every slide and hinge, in order of its coordinate
-    wheels: WheelSystem | None = None  # their coordinates stand behind the slides'
+    slides: tuple[Sprung, ...] = ()  # part of each slide or hinge coordinate, in order
+    wheels: WheelSystem | None = None  # rotor coordinates follow those of the slides
     thrusters: ThrusterSystem | None = None
 
     @property
@@ -97,7 +97,7 @@ class Robot:
         thrusters: ThrusterSystem | None = None,
         panels: Sequence[Panel] = (),
     ) -> Robot:
-        """Read a URDF.
+        """Read a URDF and compile the model.
 
         Parameters
         ----------
@@ -105,15 +105,15 @@ class Robot:
         tool_frame : name of the link (or of the fixed joint) that grasps
         base : replaces the root link's inertial data
         target : grasped body, in the tool frame; None: nothing is grasped
-        slosh, panels : of the base; their coordinates stand between the base's and the joints'
-        held : further bodies by the frame that each is fixed to
-        wheels : reaction wheels of the base, part of its mass and, locked, of its inertia
-        thrusters : of the base, and when they fire
+        slosh, panels : parts of the base; their coordinates follow the base's
+        held : further bodies, by the frame to which each is fixed
+        wheels : reaction wheels; the base's inertial data include the locked wheels
+        thrusters : thrusters of the base and their firings
 
         Raises
         ------
-        ValueError if the file holds joints of other kinds than `read_links` takes, no joint moves
-        the tool frame, or nothing says what the base weighs.
+        ValueError if `read_links` rejects the file, a frame is missing, no joint moves the tool
+        frame, or the base has no inertial data.
         """
         links = read_links(urdf)
         arm = [link for link in links if link.axis is not None]
@@ -150,7 +150,7 @@ class Robot:
         )
 
     def tool_poses(self, q_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Poses of the tool frame in the base frame.
+        """Return the poses of the tool frame in the base frame.
 
         Parameters
         ----------
@@ -185,11 +185,11 @@ def load_bodies(path: Path) -> dict[str, Body]:
 
 
 def read_links(urdf: Path) -> list[Link]:
-    """Return the links of a URDF, the root first, every branch whole, by their joints' names.
+    """Return the links of a URDF, depth first from the root; branches in order of joint name.
 
     Raises
     ------
-    ValueError if the tree has not one root, or a joint is of no kind that is known.
+    ValueError if there is not exactly one root, or the kind of a joint is unknown.
     """
     root = ElementTree.parse(urdf).getroot()
     joints = {_attribute(j, "child", "link"): j for j in root.findall("joint")}
@@ -274,7 +274,7 @@ def _vector(text: str | None, default: str) -> tuple[float, float, float]:
 
 
 def link_of(urdf: Path, links: list[Link], frame: str) -> Link:
-    """Return the link that a frame's name means: its own, or its joint's. Raises ValueError."""
+    """Return the link whose name or joint has this name. Raises ValueError if there is none."""
     link = next((k for k in links if frame in (k.name, k.joint)), None)
     if link is None:
         raise ValueError(f"{urdf}: no frame {frame!r}; has {[k.name for k in links]}")
@@ -282,7 +282,7 @@ def link_of(urdf: Path, links: list[Link], frame: str) -> Link:
 
 
 def _joints_to(links: list[Link], tool: Link) -> list[Link]:
-    """Return the links with a joint of their own from the base to the tool."""
+    """Return the links with a moving joint on the path from the base to the tool."""
     by_name = {link.name: link for link in links}
     path: list[Link] = []
     link: Link | None = tool
@@ -294,11 +294,11 @@ def _joints_to(links: list[Link], tool: Link) -> list[Link]:
 
 
 def without(body: Body, parts: Sequence[Sprung], wheels: WheelSystem | None = None) -> Body:
-    """Return the rigid part of a body with liquid and panels at rest, and wheels.
+    """Return the rigid rest of a body without its liquid, panels (both at rest) and wheels.
 
     Raises
     ------
-    ValueError if nothing physical is left.
+    ValueError if the rest is not a physical body.
     """
     if not parts and wheels is None:
         return body
@@ -360,14 +360,14 @@ def _compile(
 
 
 def _add_sprung(base: mujoco.MjsBody, parts: Sequence[Sprung]) -> None:
-    """Add the masses on springs; springs and dampers are the truth's."""
+    """Add the masses on springs; `hil.world.truth` computes springs and dampers."""
     for k, part in enumerate(parts):
         if isinstance(part, Panel):
             name, kind = f"panel {k}", mujoco.mjtJoint.mjJNT_HINGE
             body = Body(part.mass_kg, part.com_m, part.inertia_kg_m2)
         else:
             name, kind = f"liquid {k}", mujoco.mjtJoint.mjJNT_SLIDE
-            speck = 1e-9 * part.mass_kg  # a point; MuJoCo wants a positive inertia
+            speck = 1e-9 * part.mass_kg  # a point; MuJoCo needs a positive inertia
             body = Body(part.mass_kg, (0.0, 0.0, 0.0), (speck, 0, 0, speck, 0, speck))
         node = base.add_body(name=name, pos=part.place_m)
         _set_inertia(node, body)
@@ -376,7 +376,7 @@ def _add_sprung(base: mujoco.MjsBody, parts: Sequence[Sprung]) -> None:
 
 
 def _add_wheels(base: mujoco.MjsBody, wheels: WheelSystem | None) -> None:
-    """Add the rotors, each on a hinge at its centre; the motors are the truth's."""
+    """Add the rotors, each on a hinge at its centre; `hil.world.truth` computes the motors."""
     for k, rotor in enumerate(() if wheels is None else wheels.rotors):
         node = base.add_body(name=f"wheel {k}", pos=rotor.place_m)
         mass, _, _, _, *inertia = rotor.report.tolist()

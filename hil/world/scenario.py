@@ -26,7 +26,7 @@ from hil.world.words import faults, other_kind, other_text
 
 FOLDER = Path(__file__).parents[1] / "scenarios"
 BODY_NAMES = ("base", "target")
-BUS = "arm"  # where a scenario names none
+BUS = "arm"  # name of the bus if a scenario names none
 
 
 _T = TypeVar("_T")
@@ -55,14 +55,14 @@ class TrajectorySection(_Section):
 
 
 class TimingSection(_Section):
-    """Rest before and after the motion."""
+    """Time at rest before and after the motion."""
 
     before_s: Annotated[float, Field(ge=0)]
     after_s: Annotated[float, Field(ge=0)]
 
 
 class ModesSection(_Section):
-    """Errors with which every mode of the base is declared; its distance at the start; 1 sigma."""
+    """1 sigma of the declared values of every mode of the base, and of its start amplitude."""
 
     mass_sigma_ratio: float
     frequency_sigma_ratio: float
@@ -72,29 +72,29 @@ class ModesSection(_Section):
 
 
 class FlightSection(_Section):
-    """Choices of the flight software that are no facts about the devices."""
+    """Settings of the flight software that do not follow from the devices."""
 
     bus: dict[str, Any]  # rate_hz, interface, channel, port: as `buses` of the configuration
-    buses: dict[str, dict[str, Any]] = {}  # by name, what differs from `bus`; none: one, "arm"
+    buses: dict[str, dict[str, Any]] = {}  # settings that differ from `bus`; empty: one bus "arm"
     tick_rate_hz: float
     torque_limit_nm: float
     speed_limit_rad_s: float
-    sync_jitter_s: float  # 1 sigma of a SYNC's stamp from the latch, in real time
-    estimator: dict[str, Any]  # as in the configuration
+    sync_jitter_s: float  # 1 sigma of a SYNC's time stamp minus the latch, in real time
+    estimator: dict[str, Any]  # section `estimator` of the configuration
     modes: ModesSection | None = None  # null: liquid and panels are not declared
-    excitation: dict[str, Any] | None = None  # as in the configuration
+    excitation: dict[str, Any] | None = None  # section `excitation` of the configuration
 
 
 class FaultEntry(_Section):
-    """One fault: its type (see `hil.faults.script.TYPES`), when, on what, how much."""
+    """One fault: its type (see `hil.faults.script.TYPES`), time, device and size."""
 
     type: str
     at_s: Annotated[float, Field(ge=0)]  # from power-on, which is the first SYNC
     for_s: Annotated[float, Field(gt=0)]
-    device: Literal["arm", "imu", "star_tracker"] | None = None  # where a type suits several
-    node_id: Annotated[int, Field(ge=1, le=127)] | None = None  # of the joint in question
-    size: float | None = None  # in the type's unit
-    rate: Annotated[float, Field(gt=0, le=1)] | None = None  # share of items struck
+    device: Literal["arm", "imu", "star_tracker"] | None = None  # which one, if a type suits several
+    node_id: Annotated[int, Field(ge=1, le=127)] | None = None  # of the affected joint
+    size: float | None = None  # amount of the fault, in the type's unit
+    rate: Annotated[float, Field(gt=0, le=1)] | None = None  # share of affected frames or chunks
 
 
 class Document(_Section):
@@ -104,7 +104,7 @@ class Document(_Section):
     robot: RobotSection
     bodies_file: Path
     bodies: dict[str, str]
-    frames: dict[str, str] = {}  # of bodies besides base and target: what each is fixed to
+    frames: dict[str, str] = {}  # frame to which each body besides base and target is fixed
     unknown: Annotated[tuple[str, ...], Field(min_length=1)]
     trajectories: TrajectorySection
     timing: TimingSection
@@ -113,12 +113,12 @@ class Document(_Section):
     environment: dict[str, Any] | Path | None = None  # null: nothing acts from outside
     faults: tuple[FaultEntry, ...] = ()
     slosh: tuple[SloshMass, ...] = ()  # liquid in the base
-    panels: tuple[Panel, ...] = ()  # hinged to the base
+    panels: tuple[Panel, ...] = ()  # panels on hinges of the base
     stand: Stand | None = None  # null: the base floats freely
     wheels: WheelSystem | None = None  # reaction wheels that hold the base's attitude
-    thrusters: ThrusterSystem | None = None  # of the base, and when they fire
-    contact: Contact | None = None  # of the target with a fixture
-    # of the base at power-on, in its axes: base, arm and target tumble; the arm itself is at rest
+    thrusters: ThrusterSystem | None = None  # thrusters of the base and their firings
+    contact: Contact | None = None  # contact of the target with a fixture
+    # w_NB_B at power-on: base, arm and target tumble as one body, the joints are at rest
     start_rate_rad_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
@@ -151,7 +151,7 @@ class Scenario:
 
     @property
     def rests(self) -> bool:
-        """Whether nothing moves before and after the arm's motion."""
+        """Return whether the robot is at rest before and after the arm's motion."""
         moved = (self.environment, self.wheels, self.thrusters, self.contact)
         return not any(part is not None for part in moved) and not any(self.start_rate_rad_s)
 
@@ -176,7 +176,7 @@ def names(folder: Path = FOLDER) -> list[str]:
 def load(name: str, folder: Path = FOLDER) -> Scenario:
     """Read a scenario by name, or by the path of its file.
 
-    Raises ScenarioError when there is no such scenario or its file is wrong.
+    Raises ScenarioError if there is no such scenario or the file is invalid.
     """
     path = _place(name, folder)
     home, document = path.parent, _document(path)
@@ -225,7 +225,7 @@ def load(name: str, folder: Path = FOLDER) -> Scenario:
 
 
 def _place(name: str, folder: Path) -> Path:
-    """Return the file of a scenario. Raises ScenarioError where there is none."""
+    """Return the file of a scenario. Raises ScenarioError if there is none."""
     for place in (folder / f"{name}.yaml", Path(name)):
         if place.is_file():
             return place
@@ -235,7 +235,7 @@ def _place(name: str, folder: Path) -> Path:
 
 
 def _document(path: Path) -> Document:
-    """Return a scenario as written. Raises ScenarioError, which says what else the file is."""
+    """Return a validated scenario file. Raises ScenarioError with the kind of another file."""
     written = read_yaml(path)
     if kind := other_kind(written, Document):
         raise ScenarioError(f"{path}: is no scenario but {kind}")
@@ -243,7 +243,7 @@ def _document(path: Path) -> Document:
 
 
 def _validated(place: str, validate: Callable[[Any], _T], section: object) -> _T:
-    """Return a section as its model has it. Raises ScenarioError, one line."""
+    """Return the validated section. Raises ScenarioError with a message of one line."""
     try:
         return validate(section)
     except ValidationError as error:
@@ -252,7 +252,7 @@ def _validated(place: str, validate: Callable[[Any], _T], section: object) -> _T
 
 
 def _file(scenario: Path, key: str, path: Path) -> Path:
-    """Return the file that a key names. Raises ScenarioError where there is none."""
+    """Return the file that a key names. Raises ScenarioError if there is none."""
     found = (scenario.parent / path).resolve()
     if not found.is_file():
         raise ScenarioError(f"{scenario}: {key}: {path}: no such file")
@@ -260,7 +260,7 @@ def _file(scenario: Path, key: str, path: Path) -> Path:
 
 
 def _check(prefix: str, sensors: dict[str, Any], flight: dict[str, Any]) -> None:
-    """Raise ScenarioError, one line, for keys and values that devices or flight cannot have."""
+    """Raise ScenarioError for invalid keys and values of the sections `sensors` and `flight`."""
     _validated(f"{prefix}sensors", SensorConfig.from_dict, sensors)
     _validated(f"{prefix}flight", FlightSection.model_validate, flight)
     if not isinstance(flight["bus"].get("rate_hz"), int | float):
@@ -268,7 +268,7 @@ def _check(prefix: str, sensors: dict[str, Any], flight: dict[str, Any]) -> None
 
 
 def _body(entry: Mapping[str, Any], key: str) -> FloatArray:
-    """Return a body's report. Raises ScenarioError where no body can be so."""
+    """Return a body's report (10,). Raises ScenarioError if it is incomplete or not physical."""
     try:
         report = report_from(entry)
     except (KeyError, TypeError, ValueError) as error:
@@ -295,7 +295,7 @@ def _section(home: Path, section: dict[str, Any] | Path) -> dict[str, Any]:
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
-    """Return the mapping in a file. Raises ScenarioError in one line."""
+    """Return the mapping in a file. Raises ScenarioError if it cannot be read or is no mapping."""
     try:
         if kind := other_text(path):
             raise ScenarioError(f"{path}: is {kind}")
@@ -356,7 +356,7 @@ def changed(scenario: Scenario, settings: Sequence[str]) -> Scenario:
 
 
 def _no_section(sections: Mapping[str, Any], path: Sequence[str]) -> str:
-    """Say where the way to a setting ends, and which sections there are."""
+    """Return a message with the first unknown name of a path and the sections that exist."""
     place: Any = sections
     for k, name in enumerate(path):
         inner = place.get(name)
@@ -371,7 +371,7 @@ def _no_section(sections: Mapping[str, Any], path: Sequence[str]) -> str:
 
 
 def at_rates(scenario: Scenario, rate_hz: float, imu_rate_hz: int) -> Scenario:
-    """Return a scenario with other rates of bus, loop and inertial unit."""
+    """Return a scenario with other rates [Hz] of bus, loop and inertial unit."""
     flight, sensors = dict(scenario.flight), dict(scenario.sensors)
     flight["bus"] = {**flight["bus"], "rate_hz": rate_hz}
     flight["tick_rate_hz"] = rate_hz

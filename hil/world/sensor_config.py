@@ -21,8 +21,8 @@ STRICT = ConfigDict(extra="forbid")
 class NodeConfig:
     """One joint node and how its raw values relate to the URDF's joint.
 
-    The node reports `sign * (q - zero_offset_rad)` and `sign * torque`; without a torque sensor
-    zero, not valid. One whose encoder gives speed reports `sign * qd` and no position.
+    The node reports `sign * (q - zero_offset_rad)` and `sign * torque`. Without a torque sensor
+    the torque is zero and invalid; with a speed encoder the node reports `sign * qd`, no position.
     """
 
     __pydantic_config__ = STRICT
@@ -33,16 +33,16 @@ class NodeConfig:
     zero_offset_rad: float = 0.0
     torque_sensor: bool = True
     encoder: Literal["position", "speed"] = "position"
-    is_prismatic: bool = False  # counts 2^-24 m where another node counts 2^-24 revolutions
+    is_prismatic: bool = False  # the position step is 2^-24 m, not 2^-24 revolutions
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BusToggleConfig:
-    """Nodes on a redundant pair of buses: object 0x2000, and the heartbeat they follow (0x1016)."""
+    """Redundant pair of buses: objects 0x2000 (toggling) and 0x1016 (heartbeat of the master)."""
 
     __pydantic_config__ = STRICT
-    ttoggle: int = 2  # consumer heartbeat times without a heartbeat, then the node toggles
-    ntoggle: int = 10  # toggles in a row, then the node stays
+    ttoggle: int = 2  # consumer heartbeat times without a heartbeat before the node toggles
+    ntoggle: int = 10  # toggles in a row before the node stays
     consumer_heartbeat_s: float = 0.15
     master_node_id: int = 0x01
 
@@ -53,27 +53,27 @@ class JointSensorConfig:
 
     __pydantic_config__ = STRICT
     torque_noise_nm: float  # 1 sigma of one sample
-    torque_noise_correlation_s: float = 0.0  # in which it fades by e; 0: white
+    torque_noise_correlation_s: float = 0.0  # correlation falls by e in this time; 0: white
     torque_offset_sigma_nm: float  # the constant offset of each joint is drawn once per seed
     torque_scale_error_ratio: float = 0.0  # 1 sigma, drawn once per joint and seed
     friction_coulomb_sigma_nm: float = 0.0  # on the link side, drawn once per joint and seed
     friction_viscous_sigma_nms_rad: float = 0.0
     torque_range_nm: float = 327.0  # beyond it the node reports an overload
-    torque_hysteresis_ratio: float = 0.0  # of full scale, the rated torque
+    torque_hysteresis_ratio: float = 0.0  # largest error over the rated torque
     torque_noise: BandLimitedWhiteNoise | None = None  # instead of torque_noise_nm
     position_noise: BandLimitedWhiteNoise | None = None  # instead of encoder_noise_rad
     encoder_bits: int = 24
     encoder_noise_rad: float = 0.0
-    speed_noise_rad_s: float = 0.0  # of nodes whose encoder gives speed; 1 sigma of one sample
-    start_sigma_rad: float = 2e-3  # error of the start angle in the flight configuration
+    speed_noise_rad_s: float = 0.0  # 1 sigma of one sample of a speed encoder
+    start_sigma_rad: float = 2e-3  # 1 sigma of the start angle in the flight configuration
     latch_offset_s: float = 0.0  # latch instant minus the SYNC stamp
     rated_torque_nm: float = 40.0
     heartbeat_s: float = 1.0
-    autostart: bool = True  # become operational at the first SYNC unless told otherwise
+    autostart: bool = True  # nodes become operational at the first SYNC without a command
     sync_counter_max: int = 240
-    sync_rate_hz: float | None = None  # the plant produces SYNC itself (host a consumer)
-    redundancy: BusToggleConfig | None = None  # None: one bus
-    nodes: tuple[NodeConfig, ...] = ()  # empty: node 0x11 and on, classic, bus "arm"
+    sync_rate_hz: float | None = None  # the plant produces SYNC at this rate; null: the host
+    redundancy: BusToggleConfig | None = None  # null: one bus
+    nodes: tuple[NodeConfig, ...] = ()  # empty: nodes 0x11, 0x12, ..., classic, bus "arm"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,7 +87,7 @@ class ImuSensorConfig:
     velocity_random_walk_m_s_sqrt_s: float
     gyro_bias_sigma_rad_s: float
     acc_bias_sigma_m_s2: float
-    noise_correlation_s: float = 0.0  # of both, in which the noise fades by e; 0: white
+    noise_correlation_s: float = 0.0  # of both; correlation falls by e in this time; 0: white
     gyro_bias_walk_rad_s_sqrt_s: float = 0.0  # rate random walk
     acc_bias_walk_m_s2_sqrt_s: float = 0.0
     rate_hz: int = 500
@@ -101,7 +101,7 @@ class ImuSensorConfig:
     gyro_group_delay_s: float = 2.2e-3
     acc_group_delay_s: float = 6.3e-3
     latency_s: float = 3.0e-4  # sample instant to first bit
-    latency_jitter_s: float = 3.0e-5  # uniform, added to it and reported in the latency field
+    latency_jitter_s: float = 3.0e-5  # uniform, added to latency_s, in the latency field too
     clock_error_ppm: float = 50.0  # bound of the uniform draw
     startup_s: float = 0.0  # start-up flag set this long after power-on
     chunking: Chunking = "datagram"
@@ -117,16 +117,16 @@ class StarTrackerSensorConfig:
     q_BS_xyzw: Quaternion
     noise_across_rad: float = math.radians(2.0 / 3600.0)
     noise_about_rad: float = math.radians(10.0 / 3600.0)
-    attitude_noise: BandLimitedWhiteNoise | None = None  # instead of both
+    attitude_noise: BandLimitedWhiteNoise | None = None  # instead of both noises
     rate_hz: float = 5.0
     baud_rate: int = 115200
     latency_s: float = 0.1  # mid-exposure to the last byte of an unescaped frame
-    latency_jitter_s: float = 0.0  # uniform, added
+    latency_jitter_s: float = 0.0  # uniform, added to latency_s
     stamp_offset_s: float = 0.0  # the unit's time stamp minus mid-exposure
     clock_error_ppm: float = 0.0  # bound of the uniform draw
     unix_epoch_s: float = 1.8e9  # the unit's Unix time at power-on
     rotation: Literal["inertial_to_tracker", "tracker_to_inertial"] = "inertial_to_tracker"
-    subscribed: bool = False  # sends solutions without having been asked
+    subscribed: bool = False  # sends solutions without a request
     chunking: Chunking = "datagram"
     chunk_clock_ppm: float = 500.0  # bound of the ms1 frame clock's error, a USB host's by default
 
@@ -150,7 +150,7 @@ class WheelSensorConfig:
     speed_noise_rad_s: float = 0.01  # white, 1 sigma of one sample
     torque_noise_nm: float = 1e-3
     torque_offset_sigma_nm: float = 5e-3  # constant, drawn once per wheel and seed
-    torque_used: bool = False  # whether the flight side is to use the motor torques
+    torque_used: bool = False  # the flight side uses the motor torques
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -182,7 +182,7 @@ class SensorConfig:
 
 
 def _with_quaternion(section: object) -> object:
-    """Put the quaternion in the place of roll, pitch, yaw about fixed axes, as in a URDF."""
+    """Return the section with q_BS_xyzw in place of rpy_BS_rad (fixed axes, as in a URDF)."""
     if not isinstance(section, dict) or "rpy_BS_rad" not in section or "q_BS_xyzw" in section:
         return section
     rest = {key: value for key, value in section.items() if key != "rpy_BS_rad"}

@@ -1,7 +1,7 @@
-"""Sensor models: what each device measures, and how wrong it is, before it becomes bytes.
+"""Sensor models: the values that each device measures, with errors, before they become bytes.
 
-Frames: N inertial, B base, S sensor; `R_NB` takes B components to N. Each device owns its random
-streams (spawned from the one seed), so nothing done to one device changes another's noise.
+Frames: N inertial, B base, S sensor; `R_NB` maps B components to N. Each device has its own random
+streams, spawned from the run's seed, so a change of one device leaves the noise of others equal.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ from hil.world.sensor_config import (
 
 DEVICE_KEYS = {"bus": 0, "joint": 1, "imu": 2, "star_tracker": 3, "host": 4, "line": 5}
 DEVICE_KEYS |= {"wheel": 6, "thruster": 7, "mode": 8}
-HYSTERESIS_WIDTH_RATIO = 0.05  # of full scale: torque that takes a sensor from branch to branch
+HYSTERESIS_WIDTH_RATIO = 0.05  # of full scale: half the torque from one branch to the other
 
 
 def generator(seed: int, device: str, index: int = 0, stream: int = 0) -> np.random.Generator:
-    """Return the random stream of one purpose of one device."""
+    """Return the random stream of one device; `stream` is the number of the purpose."""
     key = (DEVICE_KEYS[device], index, stream)
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
 
 
 @dataclass(slots=True)
 class NormalStream:
-    """Unit normal draws of one width, fetched in batches; the sequence is the generator's own."""
+    """Standard normal rows, drawn in batches; the batch size does not change the sequence."""
 
     rng: np.random.Generator
     width: int
@@ -56,17 +56,17 @@ class NormalStream:
 
 
 class Fading:
-    """Makes white noise fade exponentially from sample to sample; its sigma stays."""
+    """Turns white noise into exponentially correlated noise of the same sigma."""
 
     def __init__(self, time_s: float, rate_hz: float, width: int) -> None:
         self._ratio = math.exp(-1.0 / (time_s * rate_hz)) if time_s > 0.0 else 0.0
         self._last = np.zeros(width)
 
     def of(self, white: FloatArray) -> FloatArray:
-        """Return the next samples (k, width); without a correlation time they stay white."""
+        """Return the next samples (k, width); with correlation time 0 they are `white`."""
         if not self._ratio:
             return white
-        from scipy.signal import lfilter  # 0.3 s that only such noise waits for
+        from scipy.signal import lfilter  # the import lasts 0.3 s
 
         fresh = math.sqrt(1.0 - self._ratio**2) * white
         start = self._ratio * self._last
@@ -128,7 +128,7 @@ class JointErrors:
             self._speed_noise = self.config.speed_noise_rad_s * np.stack(white, axis=1)
 
     def left(self) -> int:
-        """Return how many latches can be measured ahead: one where errors depend on the last."""
+        """Return how many latches can be measured ahead: one if there is hysteresis."""
         if self._next >= len(self._noise):
             self._refill()
         return 1 if self._hysteresis is not None else len(self._noise) - self._next
@@ -142,7 +142,7 @@ class JointErrors:
         ----------
         q, qd, tau : (k, n) true position [rad], rate [rad/s], torque [N m]; k at most `left`
 
-        `use` counts those that were needed; the next call returns the same errors for the others.
+        Call `use` for each latch that is needed; the next call returns the other errors again.
         """
         noise = self._noise[self._next : self._next + len(q)]
         step_rad = self._step_rad
@@ -157,11 +157,11 @@ class JointErrors:
 
         Parameters
         ----------
-        qd : (k, n) true rates; as many latches as `ahead` was asked for
+        qd : (k, n) true rates [rad/s]; the same k latches as in the call of `ahead`
 
         Returns
         -------
-        (k, m) of the m joints of `speed_only`
+        (k, m) speeds of the m joints where `speed_only` is true
         """
         own = qd[:, np.flatnonzero(self.speed_only)]
         return np.asarray(own + self._speed_noise[self._next : self._next + len(qd)])
@@ -236,10 +236,10 @@ def specific_force(
     R_BS: FloatArray,
     reading: Literal["specific_force", "kinematic"] = "specific_force",
 ) -> FloatArray:
-    """Return f_NS_S [m/s^2], shape (k, 3): what an accelerometer at its place reads.
+    """Return f_NS_S [m/s^2], shape (k, 3): the specific force at p_BS.
 
     f = R_SB (a + wd x r + w x (w x r) - g(r)), a the classical acceleration of the base origin and
-    g gravity at the sensor's place. "kinematic": without g, an acceleration no sensor gives.
+    g gravity at the sensor's place. "kinematic" leaves g out, which no real sensor does.
     """
     r = np.asarray(p_BS_m)
     w = state.w_NB_B
@@ -252,7 +252,7 @@ def specific_force(
 def attitude(
     R_NB: FloatArray, config: StarTrackerSensorConfig, normal: FloatArray
 ) -> tuple[float, float, float, float]:
-    """Return the reported quaternion w x y z of one exposure, `normal` being 3 unit draws.
+    """Return the reported quaternion w x y z of one exposure; `normal`: 3 standard normal draws.
 
     The noise is a small rotation about the tracker's own axes, z the boresight.
     """

@@ -1,7 +1,7 @@
-"""The truth of a motion, kept for other processes where HIL_TRUTH_CACHE names a folder.
+"""The truth of a motion, stored for other processes if HIL_TRUTH_CACHE names a folder.
 
-A kept truth belongs to the bytes of its arguments and of the sources here: anything else is
-simulated. The tests set the folder, so that one simulation serves all runs of a scenario.
+A stored truth is used if arguments, sources of this package and libraries are equal; otherwise the
+motion is simulated. Tests set the folder, so that one simulation serves all runs of a scenario.
 """
 
 import os
@@ -30,14 +30,14 @@ P = ParamSpec("P")
 
 @cache
 def _code() -> bytes:
-    """Return a digest of the sources and libraries that make a truth."""
+    """Return a digest of the sources and library versions that determine a truth."""
     sources = sorted(Path(__file__).parent.rglob("*.py"))
     versions = f"{mujoco.__version__} {np.__version__}".encode()
     return sha256(versions + b"".join(path.read_bytes() for path in sources)).digest()
 
 
 def kept(make: Callable[P, TruthHistory]) -> Callable[P, TruthHistory]:
-    """Return a function that reads what the same call has made before, in any process."""
+    """Return a function that reads the stored result of an equal call by any process."""
 
     @wraps(make)
     def read_or_make(*args: P.args, **kwargs: P.kwargs) -> TruthHistory:
@@ -50,7 +50,7 @@ def kept(make: Callable[P, TruthHistory]) -> Callable[P, TruthHistory]:
             if isinstance(found, TruthHistory):
                 return found
         made = make(*args, **kwargs)
-        with suppress(OSError):  # without room it is made again
+        with suppress(OSError):  # if it cannot be stored, it is simulated again
             part = path.with_name(uuid4().hex)
             part.write_bytes(pickle.dumps(made))
             part.rename(path)
@@ -71,7 +71,7 @@ def simulate_in(
     w_NB_B_rad_s: tuple[float, float, float] = STILL,
     contact: Contact | None = None,
 ) -> TruthHistory:
-    """Return the truth of a motion in an environment, on a stand, or with a contact."""
+    """Return the truth of a motion, free, in an environment, on a stand or with a contact."""
     if section is None:
         return simulate(
             robot,
@@ -85,7 +85,7 @@ def simulate_in(
         )
     if contact is not None:
         raise ValueError("contact: not beside an environment")
-    from hil.world.environment.wrench import Environment  # numba: a quarter second
+    from hil.world.environment.wrench import Environment  # imports numba: 0.25 s
 
     around = Environment(section, robot, start_s, end_s)
     return simulate(

@@ -26,7 +26,7 @@ class JointSpline:
     ----------
     duration_s : length of the motion
     control_points_rad : (k, n) control points on uniform clamped knots; the first and the last
-        four rows must be equal among themselves, so that it starts and ends at rest
+        four rows must each be equal, so that the motion starts and ends at rest
     """
 
     duration_s: float
@@ -58,7 +58,7 @@ class JointSpline:
 
     @property
     def knot_spacing_s(self) -> float:
-        """Distance of neighbouring knots."""
+        """Time between neighbouring knots [s]."""
         return self.duration_s / (len(self.control_points_rad) - DEGREE)
 
     @cached_property
@@ -69,7 +69,7 @@ class JointSpline:
         return position, position.derivative(1), position.derivative(2)
 
     def evaluate(self, t_s: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Joint positions [rad], velocities [rad/s] and accelerations [rad/s^2].
+        """Return joint positions [rad], velocities [rad/s] and accelerations [rad/s^2].
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""What holds the base in a laboratory: a bench, or an air-bearing table; and gravity."""
+"""Laboratory stands of the base, a bench or an air-bearing table, and gravity on them."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -12,7 +12,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stand:
-    """The base on a bench (clamped) or on a level table (planar), its axes along N's at first."""
+    """The base on a bench (clamped) or a level table (planar); B starts parallel to N."""
 
     __pydantic_config__ = ConfigDict(extra="forbid")
     motion: Literal["planar", "clamped"]
@@ -20,11 +20,11 @@ class Stand:
 
     @property
     def freedom(self) -> FloatArray:
-        """(6, k): free motions [v, w] of the base: along x, y and about z of a table, or none."""
+        """Return the base's free directions [v, w] (6, k): x, y and rotation about z, or none."""
         return np.eye(6)[:, [0, 1, 5]] if self.motion == "planar" else np.zeros((6, 0))
 
     def give(self, H_bb: FloatArray, force: FloatArray) -> FloatArray:
-        """Return accelerations of a base of inertia H_bb (6, 6) under forces (6,) or (6, k)."""
+        """Return a base's accelerations for inertia H_bb (6, 6) and forces (6,) or (6, k)."""
         S = self.freedom
         return np.asarray(S @ np.linalg.solve(S.T @ H_bb @ S, S.T @ force))
 

@@ -1,4 +1,4 @@
-"""Thrusters of the true robot: jets on the base, when their valves open, and how force follows."""
+"""Thrusters of the true robot: jets on the base, their firings, and the delay of the force."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,8 +15,8 @@ class Jet:
     """One thruster, fixed in the base."""
 
     __pydantic_config__ = ConfigDict(extra="forbid")
-    place_m: tuple[float, float, float]  # where its force acts, base frame
-    direction: tuple[float, float, float]  # of that force, any length
+    place_m: tuple[float, float, float]  # point where the force acts, base frame
+    direction: tuple[float, float, float]  # direction of the force, any length
     force_n: float
 
     @property
@@ -28,21 +28,21 @@ class Jet:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pulse:
-    """One firing: a valve open from `on_s` for `for_s`, in the motion's time."""
+    """One firing: a valve is open for `for_s` from `on_s` after the motion's start."""
 
     __pydantic_config__ = ConfigDict(extra="forbid")
-    jet: int  # from 0
+    jet: int  # index of the jet, from 0
     on_s: float
     for_s: float
-    reported: bool = True  # by the valve's node on the bus
+    reported: bool = True  # the valve's node reports it on the bus
 
 
 @dataclass(frozen=True, kw_only=True)
 class ThrusterSystem:
     """The jets, their valves and the firings.
 
-    The force follows its valve after `delay_s` as a first-order lag of time constant `rise_s`. The
-    arm's brakes are closed or its control is stiff: joints do not give way to a firing.
+    The force follows its valve after `delay_s` as a first-order lag of time constant `rise_s`.
+    Joints do not give way to a firing: the brakes are closed or the control is stiff.
     """
 
     __pydantic_config__ = ConfigDict(extra="forbid")
@@ -50,22 +50,22 @@ class ThrusterSystem:
     pulses: tuple[Pulse, ...]
     delay_s: float = 0.005
     rise_s: float = 0.01
-    # 1 sigma by which the configured forces, delays and rise times err; half the variance of the
-    # forces' errors is common to all
+    # 1 sigma of the errors of configured forces, delays and rise times; half the variance of the
+    # force errors is common to all jets
     force_sigma_ratio: float = 0.03
     delay_sigma_s: float = 0.001
     rise_sigma_s: float = 0.001
 
     @cached_property
     def ways(self) -> FloatArray:
-        """Return (6, K): force and moment about the base's origin, base axes."""
+        """Return each jet's full force [N] and moment about the base origin [N m], (6, K) in B."""
         force = np.array([jet.force_n * jet.unit for jet in self.jets])
         moment = np.cross(np.array([jet.place_m for jet in self.jets]), force)
         return np.concatenate([force, moment], axis=1).T
 
     @cached_property
     def _edges(self) -> tuple[NDArray[np.intp], FloatArray, FloatArray]:
-        """Return jet, time and sign of every change of a valve."""
+        """Return jet, time [s] and sign (1 opens, -1 closes) of every change of a valve."""
         owner = np.array([pulse.jet for pulse in self.pulses for _ in range(2)], np.intp)
         at_s = np.array([t for p in self.pulses for t in (p.on_s, p.on_s + p.for_s)], np.float64)
         return owner, at_s, np.tile([1.0, -1.0], len(self.pulses))
@@ -79,7 +79,7 @@ class ThrusterSystem:
         return np.asarray(self.ways @ share)
 
     def valves_at(self, t_s: float) -> tuple[list[bool], float | None, int]:
-        """Return the reading of the valves: which are open, age of the newest change, changes."""
+        """Return the open valves, age [s] of the last change (None: no change) and change count."""
         own = [pulse for pulse in self.pulses if pulse.reported]
         times = {t for p in own for t in (p.on_s, p.on_s + p.for_s) if t <= t_s}
         opened = {p.jet for p in own if p.on_s <= t_s < p.on_s + p.for_s}

@@ -1,8 +1,8 @@
 """The plant's dynamics: MuJoCo multibody truth, an engine the estimator does not use.
 
-Free floating, without gravity, contacts or friction, at zero momentum unless it tumbles from the
-start or a wrench acts; or on a stand in a laboratory. The joint controller sits inside the
-integration (every stage of every step), so it has no sampling delay.
+The robot floats freely without gravity, contacts or friction, or is on a stand in a laboratory. Its
+momentum is zero unless it tumbles at the start or a wrench acts. The joint controller runs in every
+stage of every integration step, so it has no sampling delay.
 """
 
 from collections.abc import Callable, Sequence
@@ -36,8 +36,8 @@ STILL = (0.0, 0.0, 0.0)
 class _Plant:
     """State derivative of the controlled free-floating robot.
 
-    State: base position (N), quaternion (w x y z), joint positions, base velocity (N), base
-    angular velocity (B), joint velocities; MuJoCo's qpos and qvel in a row.
+    State: MuJoCo's qpos and qvel in a row. qpos: base position (N), quaternion (w x y z), slides,
+    wheels, joints. qvel: base velocity (N), base angular velocity (B), slides, wheels, joints.
     """
 
     def __init__(self, robot: Robot, wrench: Wrench | None, stand: Stand | None) -> None:
@@ -47,14 +47,14 @@ class _Plant:
         self.model = robot.model
         self.model.opt.gravity[:] = 0.0 if stand is None else stand.gravity_m_s2
         self.data = data = mujoco.MjData(robot.model)
-        self.qpos, self.qvel = data.qpos, data.qvel  # views; each look at the attribute costs
+        self.qpos, self.qvel = data.qpos, data.qvel  # views: access to the attributes is slow
         self.wrench = wrench
         self.wheels, self.thrusters = robot.wheels, robot.thrusters
         turning = 0 if robot.wheels is None else len(robot.wheels.rotors)
-        self.liquid = BASE_NV + len(robot.slides)  # velocities up to the wheels'
-        self.passive = self.liquid + turning  # coordinates beside the arm's
+        self.liquid = BASE_NV + len(robot.slides)  # index of the first wheel's velocity
+        self.passive = self.liquid + turning  # number of velocities before the arm's
         self.motor = np.zeros(turning)
-        self.held_wxyz = np.array([1.0, 0.0, 0.0, 0.0])  # attitude that the wheels are to hold
+        self.held_wxyz = np.array([1.0, 0.0, 0.0, 0.0])  # attitude that the wheels hold
         self.nq = self.passive + 1 + robot.n
         self.H = np.zeros((self.passive + robot.n, self.passive + robot.n))
         self.c = np.zeros(self.passive + robot.n)
@@ -64,11 +64,11 @@ class _Plant:
     def derivative(
         self, t_s: float, y: FloatArray, wanted: tuple[FloatArray, FloatArray, FloatArray]
     ) -> FloatArray:
-        """Return dy/dt under computed torque towards `wanted` (q, qd, qdd); leaves tau.
+        """Return dy/dt under computed-torque control to `wanted` (q, qd, qdd); store self.tau.
 
-        The controller cancels the known dynamics with the reaction of base (and liquid)
-        eliminated, a_b = -H_bb^-1 (c_b + H_bm qdd); it does not know of external wrenches but
-        those of thrusters, to which joints do not give way.
+        The controller cancels the dynamics with the reaction of the passive coordinates b
+        eliminated, a_b = -H_bb^-1 (c_b + H_bm qdd). It compensates the thrusters' wrench, so
+        that joints do not give way to a firing, and no other external wrench.
         """
         model, data, nq = self.model, self.data, self.nq
         self.qpos[:] = y[:nq]
@@ -96,7 +96,7 @@ class _Plant:
             turned = _turned(self.held_wxyz, y[3:7])
             self.motor = self.wheels.motor_torque_nm(turned, w_B, speed)
             c[self.liquid : m] -= self.motor
-        force = H[:, m:] @ command + c  # on every coordinate, with the base held
+        force = H[:, m:] @ command + c  # on every coordinate if the base is held
         if self.stand is None:
             _, reaction, info = dposv(H[:m, :m], -force[:m])
             if info != 0:
@@ -114,7 +114,7 @@ class _Plant:
         return rate
 
     def turning(self, places: Sequence[FloatArray], w_NB_B_rad_s: Sequence[float]) -> FloatArray:
-        """Return the base's velocity (6,): this rate, about the centre of mass of the whole."""
+        """Return the base's velocity (6,) in a rotation of the robot about its centre of mass."""
         self.qpos[:] = np.concatenate(places)
         mujoco.mj_kinematics(self.model, self.data)
         mujoco.mj_comPos(self.model, self.data)
@@ -123,7 +123,7 @@ class _Plant:
         return np.concatenate([np.cross(w_N, lever_N), w_NB_B_rad_s])
 
     def _disturbance(self, t_s: float, wrench: Wrench) -> FloatArray:
-        """Acceleration H^-1 J^T f that the external wrench adds to the commanded one."""
+        """Return the acceleration H^-1 J^T f that the external wrench adds to the commanded one."""
         data = self.data
         data.xfrc_applied[:] = 0.0
         wrench(t_s, data)
@@ -136,7 +136,7 @@ class _Plant:
 
 
 def _turned(from_wxyz: FloatArray, to_wxyz: FloatArray) -> FloatArray:
-    """Return the vector part (3,) of the shorter rotation between attitudes, in the body's axes."""
+    """Return the quaternion's vector part (3,) of the shorter rotation between attitudes, in B."""
     w, v = from_wxyz[0], from_wxyz[1:]
     vector = w * to_wxyz[1:] - to_wxyz[0] * v - np.cross(v, to_wxyz[1:])
     scalar = w * to_wxyz[0] + v @ to_wxyz[1:]
@@ -167,7 +167,7 @@ def simulate(
     q_NB_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0),
     w_NB_B_rad_s: tuple[float, float, float] = STILL,
 ) -> TruthHistory:
-    """Simulate the robot following a joint trajectory, base origin at N's origin at first.
+    """Simulate the robot on a joint trajectory; the base origin starts at the origin of N.
 
     Classical Runge-Kutta of order four over the MuJoCo state, quaternion normalised each step.
 
@@ -176,16 +176,16 @@ def simulate(
     robot : model with as many joints as the spline
     spline : motion over [0, duration]; the robot rests outside it
     start_s, end_s : simulated interval; end is rounded up to a whole step
-    wrench : external forces, called at every stage; the controller does not know of them
-    field : gravity in the frame's free fall, which an accelerometer does not feel; it acts on the
-        motion only through `wrench`
-    stand : holds the base, under gravity; None: it floats freely
+    wrench : external forces, called at every stage; the controller does not compensate them
+    field : gravity in the freely falling frame N, stored in the history for the sensors; the
+        motion has it only if `wrench` includes it
+    stand : laboratory stand of the base, with gravity; None: the base floats freely
     q_NB_xyzw : base attitude at the start
-    w_NB_B_rad_s : rate of the base at the start; the centre of mass of the whole rests
+    w_NB_B_rad_s : rate of the base at the start; the robot's centre of mass is at rest
 
     Raises
     ------
-    ValueError if the spline is another robot's, there is no time, or a base on a stand is to turn.
+    ValueError if the spline has other joints, the interval is empty, or a stand has a start rate.
     """
     if stand is not None and any(w_NB_B_rad_s):
         raise ValueError("a base on a stand does not tumble")

@@ -1,4 +1,4 @@
-"""Reaction wheels of the true robot: rotors on the base, and the law by which they hold it."""
+"""Reaction wheels of the true robot: rotors on the base, and their attitude control law."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,24 +10,24 @@ from pydantic import ConfigDict
 from hil.world.inertia import pi_of, six_of
 
 FloatArray = NDArray[np.float64]
-TAPER_RATIO = 0.05  # of the speed limit, over which the torque towards it goes to zero
+TAPER_RATIO = 0.05  # of the speed limit: range below it in which the torque falls to zero
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rotor:
-    """One wheel, symmetric about its axis; it is part of the base's mass and, locked, inertia."""
+    """One wheel, symmetric about its axis; the base's data include the wheel, locked."""
 
     __pydantic_config__ = ConfigDict(extra="forbid")
     mass_kg: float
-    place_m: tuple[float, float, float]  # its centre, base frame
+    place_m: tuple[float, float, float]  # centre of the wheel, base frame
     axis: tuple[float, float, float]  # any length
     inertia_kg_m2: float  # about the axis
-    across_kg_m2: float  # about any axis across it
+    across_kg_m2: float  # about any axis perpendicular to it
     speed_rad_s: float = 0.0  # at the start, relative to the base
 
     @property
     def unit(self) -> FloatArray:
-        """Return its axis (3,) with length 1."""
+        """Return the wheel's axis (3,) with length 1."""
         axis = np.array(self.axis, dtype=np.float64)
         return np.asarray(axis / np.linalg.norm(axis))
 
@@ -41,7 +41,7 @@ class Rotor:
 
     @property
     def pi(self) -> FloatArray:
-        """Return its barycentric parameters (10,) in the base frame."""
+        """Return the wheel's parameters pi (10,) in the base frame (see `hil.world.inertia`)."""
         return pi_of(self.report)
 
 
@@ -53,9 +53,9 @@ class WheelSystem:
     rotors: tuple[Rotor, ...]
     torque_limit_nm: float
     speed_limit_rad_s: float
-    stiffness_nm_rad: float  # of the hold; 0 and 0: the wheels turn on
+    stiffness_nm_rad: float  # of the attitude hold; both gains 0: wheels coast
     damping_nms_rad: float
-    inertia_sigma_ratio: float = 0.01  # 1 sigma by which the configured inertia errs
+    inertia_sigma_ratio: float = 0.01  # 1 sigma of the configured inertia's error
 
     @cached_property
     def axes(self) -> FloatArray:
@@ -77,8 +77,8 @@ class WheelSystem:
         Parameters
         ----------
         turned : (3,) vector part of the base's quaternion from the attitude to be held
-        w_B : (3,) its rate
-        speed : (k,) of the rotors
+        w_B : (3,) rate of the base [rad/s]
+        speed : (k,) speeds of the rotors [rad/s]
         """
         wanted = -2.0 * self.stiffness_nm_rad * turned - self.damping_nms_rad * w_B
         limit = self.torque_limit_nm

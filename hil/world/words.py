@@ -1,4 +1,4 @@
-"""Words for a scenario file that is wrong: what the file is instead, and its faults by key."""
+"""Messages about an invalid scenario file: the kind of another file, and the faults by key."""
 
 from collections.abc import Mapping
 from difflib import get_close_matches
@@ -8,11 +8,11 @@ from typing import Any
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
 LONGEST_VALUE = 60  # characters of a wrong value that a message repeats
-MOST_FAULTS = 4  # that a message has
+MOST_FAULTS = 4  # in one message
 REFERENCE = "docs/reference/scenario.md has every key"
 UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
 OTHER_TEXTS = {b"\x89MCAP": "a recording; fsw identify takes it", b"<": "XML, such as a URDF"}
-OTHER_KEYS = {  # of a mapping that has the key and no `sensors`
+OTHER_KEYS = {  # kind of a mapping that has the key and no `sensors`
     "control_points_rad": "a motion, as fsw excite plans one",
     "buses": "a configuration of the daemon; fsw check takes it",
     "joint_speed_rad_s": "the limits of a motion; fsw excite takes them",
@@ -20,14 +20,14 @@ OTHER_KEYS = {  # of a mapping that has the key and no `sensors`
 
 
 def other_text(path: Path) -> str:
-    """Return the kind of a file by its first bytes, if it is no YAML; else ""."""
+    """Return the kind of a file that is not YAML, by its first bytes; "" if unknown."""
     with path.open("rb") as file:
         start = file.read(8).lstrip()
     return next((words for begin, words in OTHER_TEXTS.items() if start.startswith(begin)), "")
 
 
 def other_kind(document: Mapping[str, Any], scenario: type[BaseModel]) -> str:
-    """Return the kind of a mapping that is no scenario; "" for one that may be one."""
+    """Return the kind of a mapping that is no scenario; "" if it may be a scenario."""
     needed = {key for key, field in scenario.model_fields.items() if field.is_required()}
     if "sensors" in document or 2 * len(needed & document.keys()) > len(needed):
         return ""
@@ -38,7 +38,7 @@ def other_kind(document: Mapping[str, Any], scenario: type[BaseModel]) -> str:
 def faults(error: ValidationError, model: type[Any] | None = None) -> str:
     """Return the faults in one line: key, bound, and the value where it is short.
 
-    `model` : what refused it; then an unknown key has a hint at the one that may be meant
+    `model` : the model that rejected the file; None: an unknown key has no hint at a similar key
     """
     errors = sorted(error.errors(), key=lambda e: e["type"] not in UNKNOWN)
     found = []
@@ -64,7 +64,7 @@ def _hint(model: type[Any] | None, place: tuple[int | str, ...]) -> str:
 
 
 def _keys(model: type[Any], place: tuple[int | str, ...]) -> list[str]:
-    """Return the keys of the section at a place below a model, from its JSON Schema."""
+    """Return the keys of the section at `place` in a model, from the model's JSON Schema."""
     whole = (
         model.model_json_schema()
         if issubclass(model, BaseModel)
@@ -80,7 +80,7 @@ def _keys(model: type[Any], place: tuple[int | str, ...]) -> list[str]:
 
 
 def _section(node: object, definitions: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the section, list or mapping that a schema stands for, bare or optional."""
+    """Return the schema of a section, list or mapping, with references and options resolved."""
     if not isinstance(node, dict):
         return {}
     if "$ref" in node:

@@ -1,5 +1,5 @@
-"""The orbital environment of the truth: what pulls and pushes on the robot, body by body.
+"""The orbital environment of the truth: external forces and torques on each body of the robot.
 
-Switched on in a scenario by its section `environment`; every part can be on alone. Knows nothing of
-the flight software. `wrench.simulate_in` is the truth in an environment.
+The section `environment` of a scenario switches each effect on. Nothing here uses the flight
+software. `hil.world.simulation.simulate_in` simulates the truth in an environment.
 """

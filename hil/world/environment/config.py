@@ -1,4 +1,4 @@
-"""The section `environment` of a scenario: an orbit, and what of it acts."""
+"""The section `environment` of a scenario: an orbit, and the effects that act."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class OrbitSection(_Section):
     inclination_rad: float = 0.0
     ascending_node_rad: float = 0.0  # right ascension
     latitude_argument_rad: float = 0.0  # angle from the ascending node at t = 0
-    epoch_utc: str = "2013-09-04T12:00:00"  # of t = 0: places Sun and Moon
+    epoch_utc: str = "2013-09-04T12:00:00"  # time t = 0, for the places of Sun and Moon
 
     @field_validator("epoch_utc")
     @classmethod
@@ -43,16 +43,16 @@ class AtmosphereSection(_Section):
 
     activity: Activity = "moderate"
     density: Literal["table", "orekit"] = "table"  # embedded, or computed now (extra `orekit`)
-    density_kg_m3: Positive | None = None  # this constant density instead
+    density_kg_m3: Positive | None = None  # constant density instead of JB2006
     normal_accommodation_ratio: Ratio = 1.0
     tangential_accommodation_ratio: Ratio = 0.3
     temperature_k: Positive = 1000.0  # of the air
     wall_temperature_k: Positive = 300.0
-    molar_mass_kg_mol: Positive = 0.016  # atomic oxygen, what prevails at 500 km
+    molar_mass_kg_mol: Positive = 0.016  # atomic oxygen, which prevails at 500 km
 
 
 class RadiationSection(_Section):
-    """Sunlight on flat plates; what is neither absorbed nor mirrored is scattered."""
+    """Sunlight on flat plates; light that is neither absorbed nor mirrored is scattered."""
 
     absorbed_ratio: Ratio = 0.5
     mirrored_ratio: Ratio = 0.5
@@ -65,7 +65,7 @@ class RadiationSection(_Section):
 
 
 class CuboidSection(_Section):
-    """Outer surfaces of a body in its own axes; null: those of the uniform cuboid it weighs as."""
+    """Outer surfaces of a body, in body axes; null: a uniform cuboid with the body's moments."""
 
     size_m: tuple[Positive, Positive, Positive] | None = None
     centre_m: Vector3 | None = None  # in the body's frame; null: its centre of mass
@@ -81,7 +81,7 @@ class EnvironmentSection(_Section):
     solar_pressure: RadiationSection | None = None
     surfaces: dict[Literal["base", "target"], CuboidSection] = {}
     attitude_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)  # R_NB at the start
-    told_to_flight: bool = True  # the orbit stands in the flight configuration
+    told_to_flight: bool = True  # the flight configuration has the orbit
 
     @field_validator("attitude_xyzw")
     @classmethod

@@ -2,7 +2,7 @@
 
 The table holds the logarithm of the density over altitude, geodetic latitude and local solar time,
 with the Sun on the equator; `python -m hil.world.environment.jb2006` makes it.
-Interpolated by splines.
+Cubic splines interpolate in the table.
 """
 
 from functools import lru_cache
@@ -21,8 +21,8 @@ TABLE = Path(__file__).parent / "jb2006.npz"
 TURN = 2.0 * np.pi
 ACTIVITIES: tuple[Activity, ...] = ("low", "moderate", "high")
 WGS84 = 1  # ERFA's number of the ellipsoid
-LOWEST_M, HIGHEST_M = TABLE_FROM_M, 1000e3  # where the table is JB2006 within 1 %
-WRAP = 6  # local times repeated at either end: the spline is periodic
+LOWEST_M, HIGHEST_M = TABLE_FROM_M, 1000e3  # here the table is within 1 % of JB2006
+WRAP = 6  # local times repeated at either end, so that the spline is periodic
 
 
 def density_kg_m3(
@@ -31,13 +31,13 @@ def density_kg_m3(
     hour_angle_rad: FloatArray,
     activity: Activity,
 ) -> FloatArray:
-    """Return densities (k,); `hour_angle_rad` is the place's right ascension less the Sun's.
+    """Return densities (k,) [kg/m^3]; `hour_angle_rad` is right ascension less the Sun's.
 
-    Above the table, where the air is nothing beside sunlight, zero.
+    Above the table the density is zero, because sunlight exceeds the air's force by far there.
 
     Raises
     ------
-    ValueError below the table.
+    ValueError for an altitude below the table.
     """
     table = _table()
     altitudes, latitudes = table["altitude_m"], table["latitude_rad"]
@@ -57,14 +57,14 @@ def density_kg_m3(
 
 
 def along_track(positions_m: FloatArray, sun_m: FloatArray, activity: Activity) -> FloatArray:
-    """Return the density (k,) at positions (k, 3) in N with the Sun at (k, 3)."""
+    """Return the density (k,) [kg/m^3] at positions (k, 3) in N with the Sun at (k, 3) in N."""
     ascension, latitude, altitude = erfa.gc2gd(WGS84, positions_m)
     hour = ascension - np.arctan2(sun_m[:, 1], sun_m[:, 0])
     return density_kg_m3(altitude, latitude, hour, activity)
 
 
 def about() -> str:
-    """Return where the table comes from."""
+    """Return the text in the table about its origin."""
     return str(_table()["about"])
 
 

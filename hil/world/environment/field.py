@@ -1,4 +1,4 @@
-"""The gravity field about the robot, as the accelerometer does not feel it."""
+"""The gravity field around the robot, relative to the free fall of the orbit."""
 
 from dataclasses import dataclass
 

@@ -7,7 +7,7 @@ from hil.world.environment.orbit import FloatArray
 
 
 def gradient_1_s2(up: FloatArray, rate_rad_s: float) -> FloatArray:
-    """Return G (..., 3, 3) = mu/R^3 (3 r r^T - 1): G d is the field at d from the orbit's point."""
+    """Return G (..., 3, 3) = mu/R^3 (3 r r^T - 1) in N: G d is the field at offset d."""
     outer = 3.0 * up[..., :, None] * up[..., None, :]
     return np.asarray(rate_rad_s**2 * (outer - np.eye(3)))
 
@@ -22,11 +22,11 @@ def add_body_wrench(
     rate_rad_s: float,
     wrench: FloatArray,
 ) -> None:
-    """Add force and torque about the body's own centre of mass to `wrench` (6,).
+    """Add force [N] and torque about the body's centre of mass [N m] to `wrench` (6,).
 
-    f = m mu/R^3 [3 (r . d) r - d], d (3,) from the system's centre of mass, and t = 3 mu/R^3
-    r x (I r); `axes` (3, 3) has the principal axes as columns. Body by body, so that it loads the
-    joints. Source: Hughes (1986), sec. 8.1, for every body by itself.
+    f = m mu/R^3 [3 (r . d) r - d] and t = 3 mu/R^3 r x (I r), with r = `up` and d = `place_m` from
+    the system's centre of mass; `axes` (3, 3) has the principal axes as columns. Each body has its
+    own wrench, so that joints are loaded. Source: Hughes (1986), sec. 8.1, for each body.
     """
     k = rate_rad_s * rate_rad_s
     along = up[0] * place_m[0] + up[1] * place_m[1] + up[2] * place_m[2]

@@ -1,7 +1,7 @@
-"""Orekit's JB2006 (extra `orekit`): densities now, or make the bench's table again.
+"""Orekit's JB2006 (extra `orekit`): compute densities, or write the bench's table.
 
-`python -m hil.world.environment.jb2006 [FILE.npz]` writes the table in a minute. All it needs
-is here: no data files of Orekit, the time scale TAI, an ellipsoid at rest, the Sun given.
+`python -m hil.world.environment.jb2006 [FILE.npz]` writes the table in a minute. No data files of
+Orekit are needed: the time scale is TAI, the ellipsoid is at rest, the Sun's place is given.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 FLATTENING = 1.0 / 298.257223563  # WGS 84
 EQUATOR_M = 6_378_137.0
-EPOCH = datetime(2013, 3, 20, 12, tzinfo=UTC)  # taken as TAI; the Sun on the equator
+EPOCH = datetime(2013, 3, 20, 12, tzinfo=UTC)  # read as TAI; the Sun is on the equator
 # Long-term indices of ECSS-E-ST-10-04C for F10.7, S10.7, M10.7 (mean and day alike) and ap.
 INDICES: Mapping[Activity, tuple[float, float, float, float]] = {
     "low": (65.0, 60.0, 60.0, 0.0),
@@ -45,7 +45,7 @@ class Jb2006:
         date: datetime = EPOCH,
         sun_rad: tuple[float, float] = (0.0, 0.0),
     ) -> None:
-        """Build; `date` is read as TAI, `sun_rad` right ascension, declination."""
+        """Build the model; `date` is read as TAI, `sun_rad` is right ascension and declination."""
         started()
         from org.hipparchus.geometry.euclidean.threed import Vector3D
         from org.orekit.bodies import OneAxisEllipsoid
@@ -81,7 +81,7 @@ class Jb2006:
 
 
 def started() -> None:
-    """Start the Java machine once.
+    """Start the Java machine if it does not run yet.
 
     Raises
     ------
@@ -107,7 +107,7 @@ def indices_of(activity: Activity) -> tuple[float, ...]:
 def along_track(
     positions_m: FloatArray, sun_m: FloatArray, activity: Activity, date: datetime
 ) -> FloatArray:
-    """Return the density (k,) at positions (k, 3) in N with the Sun at the first of (k, 3)."""
+    """Return the density (k,) at positions (k, 3) in N; the Sun stays at the first `sun_m`."""
     x, y, z = sun_m[0] / np.linalg.norm(sun_m[0])
     sun_rad = (float(np.arctan2(y, x)), float(np.arcsin(z)))
     model = Jb2006(indices_of(activity), date, sun_rad)
@@ -115,7 +115,7 @@ def along_track(
 
 
 def _providers(indices: Sequence[float], sun: Vector3D) -> tuple[Any, Any]:
-    """Return the Java objects that hand the model its indices and the Sun."""
+    """Return the Java objects that give the model the indices and the Sun's place."""
     jpype: Any = import_module("jpype")
     JImplements, JOverride = jpype.JImplements, jpype.JOverride
     from org.hipparchus.geometry.euclidean.threed import Vector3D

@@ -16,7 +16,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Orbit:
-    """Unit vectors from the Earth's centre at t = 0 and a quarter turn later, both in N."""
+    """A circular orbit: radius, and unit vectors in N to the craft at t = 0 and a quarter later."""
 
     radius_m: float
     up_N: FloatArray  # (3,)
@@ -24,7 +24,7 @@ class Orbit:
 
     @staticmethod
     def from_section(section: OrbitSection) -> Orbit:
-        """Build from altitude above the equatorial radius and angles."""
+        """Build the orbit from altitude above the equatorial radius and angles."""
         node, u, i = (
             section.ascending_node_rad,
             section.latitude_argument_rad,
@@ -42,17 +42,17 @@ class Orbit:
 
     @property
     def rate_rad_s(self) -> float:
-        """Angular rate sqrt(mu / R^3)."""
+        """Angular rate sqrt(mu / R^3) [rad/s]."""
         return math.sqrt(EARTH_GM_M3_S2 / self.radius_m**3)
 
     @property
     def speed_m_s(self) -> float:
-        """Inertial speed."""
+        """Inertial speed [m/s]."""
         return self.rate_rad_s * self.radius_m
 
     @property
     def period_s(self) -> float:
-        """Time of one revolution."""
+        """Time of one revolution [s]."""
         return 2.0 * math.pi / self.rate_rad_s
 
     def up(self, t_s: ArrayLike) -> FloatArray:
@@ -66,17 +66,17 @@ class Orbit:
         return math.cos(angle) * self.up_N + math.sin(angle) * self.along_N
 
     def position_m(self, t_s: ArrayLike) -> FloatArray:
-        """Return positions (k, 3) in N."""
+        """Return positions (k, 3) in N [m]."""
         return self.radius_m * self.up(t_s)
 
     def velocity_m_s(self, t_s: ArrayLike) -> FloatArray:
-        """Return inertial velocities (k, 3) in N."""
+        """Return inertial velocities (k, 3) in N [m/s]."""
         angle = self.rate_rad_s * np.asarray(t_s)[..., None]
         return np.asarray(
             self.speed_m_s * (np.cos(angle) * self.along_N - np.sin(angle) * self.up_N)
         )
 
     def velocity_in_air_m_s(self, t_s: ArrayLike) -> FloatArray:
-        """Return velocities (k, 3) relative to air that turns with the Earth, in N."""
+        """Return velocities (k, 3) relative to air that turns with the Earth, in N [m/s]."""
         spin = np.array([0.0, 0.0, EARTH_RATE_RAD_S])
         return np.asarray(self.velocity_m_s(t_s) - np.cross(spin, self.position_m(t_s)))

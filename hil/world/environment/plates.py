@@ -1,6 +1,6 @@
 """Forces on flat plates: free molecular flow and sunlight; and the plates of a cuboid.
 
-The forces are compiled: the truth asks for them at every stage of every step.
+The functions are compiled, because the truth calls them at every stage of every step.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def cuboid(body: int, size_m: FloatArray, centre_m: FloatArray) -> Plates:
 
 
 def together(parts: list[Plates]) -> Plates:
-    """Return the plates of several bodies as one."""
+    """Return the plates of several bodies in one object."""
     return Plates(
         np.concatenate([p.body for p in parts]),
         np.concatenate([p.area_m2 for p in parts]),

@@ -34,14 +34,14 @@ def sun_m(epoch: tuple[float, float], t_s: FloatArray) -> FloatArray:
 
 
 def moon_m(epoch: tuple[float, float], t_s: FloatArray) -> FloatArray:
-    """Return the Moon's positions (k, 3) from the Earth's centre."""
+    """Return the Moon's positions (k, 3) from the Earth's centre `t_s` (k,) after the epoch."""
     return _positions_m(erfa.moon98, epoch, t_s)
 
 
 def _positions_m(
     ephemeris: Callable[[float, FloatArray], Any], epoch: tuple[float, float], t_s: FloatArray
 ) -> FloatArray:
-    """Return positions (k, 3), along a straight line about each minute's: within 3 m of curved."""
+    """Return positions (k, 3), linear in time around each full minute; the error is below 3 m."""
     t = np.asarray(t_s, dtype=np.float64)
     nodes, own = np.unique(np.round(t / NODE_S), return_inverse=True)
     pv = ephemeris(epoch[0], epoch[1] + nodes * NODE_S / SECONDS_PER_DAY)
@@ -50,7 +50,7 @@ def _positions_m(
 
 
 def pull_m_s2(at_m: FloatArray, body_m: FloatArray, gm_m3_s2: float) -> FloatArray:
-    """Return the acceleration (k, 3) at a place by a body, less that of the Earth's centre."""
+    """Return a body's gravity (k, 3) at `at_m`, less the body's gravity at the Earth's centre."""
     to = body_m - at_m
     near = to / np.linalg.norm(to, axis=-1, keepdims=True) ** 3
     far = body_m / np.linalg.norm(body_m, axis=-1, keepdims=True) ** 3
@@ -58,7 +58,7 @@ def pull_m_s2(at_m: FloatArray, body_m: FloatArray, gm_m3_s2: float) -> FloatArr
 
 
 def third_body_m_s2(at_m: FloatArray, epoch: tuple[float, float], t_s: FloatArray) -> FloatArray:
-    """Return the acceleration (k, 3) by Sun and Moon relative to the free fall about the Earth."""
+    """Return the acceleration (k, 3) by Sun and Moon relative to free fall about the Earth."""
     sun = pull_m_s2(at_m, sun_m(epoch, t_s), SUN_GM_M3_S2)
     return sun + pull_m_s2(at_m, moon_m(epoch, t_s), MOON_GM_M3_S2)
 

@@ -1,4 +1,4 @@
-"""All that acts on the robot from outside, as the truth's wrench: force and torque per body."""
+"""External force and torque on every body of the robot, as the wrench of the truth."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -32,23 +32,23 @@ from hil.world.environment.plates import (
 from hil.world.environment.sun_moon import epoch_tt, is_lit, sun_m
 from hil.world.robot import Robot
 
-GRID_S = 5.0  # of what changes along the orbit: 0.3 deg in LEO
-MARGIN_S = 60.0  # tabulated beyond the asked interval
+GRID_S = 5.0  # step of tables along the orbit: 0.3 deg in LEO
+MARGIN_S = 60.0  # tables extend this far beyond the requested interval
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surroundings:
-    """Flow at a plate on a grid of times: (k,) and (k, 3), vectors in N."""
+    """Air, sunlight and gravity of Sun and Moon at k times: (k,) and (k, 3), vectors in N."""
 
     start_s: float
     v_air_m_s: FloatArray
     rho_kg_m3: FloatArray
     s_hat: FloatArray
     pressure_pa: FloatArray  # zero in the Earth's shadow
-    uniform_m_s2: FloatArray  # of Sun and Moon
+    uniform_m_s2: FloatArray  # gravity of Sun and Moon
 
     def at(self, t_s: float) -> tuple[FloatArray, float, FloatArray, float, FloatArray]:
-        """Return all five at a time, linear between the grid's points."""
+        """Return the five quantities at a time, linear between the points of the grid."""
         x = (t_s - self.start_s) / GRID_S
         i = min(max(int(x), 0), len(self.rho_kg_m3) - 2)
         b = x - i
@@ -65,14 +65,14 @@ class Surroundings:
 class Environment:
     """The environment of one robot over one interval of time; call it as the truth's wrench.
 
-    Plates do not shade each other; the arm's own surfaces are left out. Wind by the robot's own
-    motion (centimetres per second) is left out. Angles of eclipse are those of a cylinder.
+    Plates do not shade each other. The arm's surfaces are left out, and so is the wind of motion
+    relative to the orbit (centimetres per second). The Earth's shadow is a cylinder.
 
     Parameters
     ----------
-    section : what acts
+    section : orbit and effects that act
     robot : the compiled model; its root body is the base, "grasped target" the target
-    start_s, end_s : interval the truth is simulated over
+    start_s, end_s : interval over which the truth is simulated
     """
 
     def __init__(
@@ -94,7 +94,7 @@ class Environment:
         self._around = self._surroundings(t_s, epoch)
 
     def __call__(self, t_s: float, data: mujoco.MjData) -> None:
-        """Write force and torque at every body's centre of mass into data.xfrc_applied."""
+        """Add force and torque at every body's centre of mass to data.xfrc_applied."""
         v_air, rho, s_hat, pressure, uniform = self._around.at(t_s)
         plates = self._plates
         _add_plates(
@@ -190,7 +190,7 @@ def _plates(robot: Robot, surfaces: Mapping[Any, CuboidSection]) -> Plates:
     """Return the plates of base and target.
 
     Source of the default sizes: Table 1's moments are those of uniform cuboids about the centre of
-    mass, products of inertia left aside.
+    mass; products of inertia are ignored.
     """
     model = robot.model
     bodies = {"base": 1}
