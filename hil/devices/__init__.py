@@ -1,1 +1,1 @@
-"""Simulated devices with encoders of their own."""
+"""Simulated devices; their encoders share no code with the flight software's decoders."""

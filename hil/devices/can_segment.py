@@ -1,4 +1,4 @@
-"""One CAN bus of joint nodes: what they answer, and when each frame ends on the bus."""
+"""One CAN bus of joint nodes: the nodes' answers, and the time when each frame ends."""
 
 from collections.abc import Iterator, Sequence
 from typing import Protocol
@@ -24,7 +24,7 @@ class Latch(Protocol):
 
 
 def duration_ns(length: int, is_fd: bool, stuff_bits: float) -> float:
-    """Return how long a frame with `length` data bytes holds the bus, interframe space included.
+    """Return the bus time [ns] of a frame with `length` data bytes, with interframe space.
 
     Classic at 1 Mbit/s; FD 1 Mbit/s arbitration and 5 Mbit/s data (ISO, bit-rate switch).
     """
@@ -39,7 +39,7 @@ def _uniform_draws(rng: np.random.Generator) -> Iterator[float]:
 
 
 class SyncProducer:
-    """Another node of the bus that produces SYNC, where the host only consumes it."""
+    """A node that produces SYNC on a bus whose host only consumes SYNC."""
 
     def __init__(self, rate_hz: float, counter_max: int, t0_ns: int) -> None:
         self._period_ns = 1e9 / rate_hz
@@ -48,19 +48,19 @@ class SyncProducer:
         self._sent = 0
 
     def next_ns(self) -> int:
-        """Return when the next SYNC is due."""
+        """Return the time of the next SYNC [ns]."""
         return self._t0_ns + round((self._sent + 1) * self._period_ns)
 
     def payload(self) -> bytes:
-        """Return the counter byte of the SYNC now due, and count it as sent."""
+        """Return the counter byte of the next SYNC, and count this SYNC as sent."""
         self._sent += 1
         return bytes([(self._sent - 1) % self._max + 1])
 
 
 class CanSegment:
-    """Nodes of one bus, or of a redundant pair (lines 0 and 1) on which each listens to one.
+    """Nodes of one bus, or of a redundant pair (lines 0 and 1); each node uses one line.
 
-    Frames queue by identifier behind whatever holds the line.
+    Frames wait in order of identifier until the line is free.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class CanSegment:
         t0_ns: int,
     ) -> None:
         self.name = name
-        self.nodes = nodes  # by joint index in the robot; wheels behind all joints
+        self.nodes = nodes  # by joint index in the robot; wheels follow all joints
         self._latch = latch
         self._by_id = sorted(nodes.items(), key=lambda item: item[1].node_id)
         self._toggles = [node.toggle for node in nodes.values() if node.toggle is not None]
@@ -91,12 +91,12 @@ class CanSegment:
         self._heartbeat_ns = {
             joint: t0_ns + period * (1.0 + i / len(nodes)) for i, joint in enumerate(nodes)
         }
-        self._unasked_ns = float(t0_ns)  # when a node next says something unasked
+        self._unasked_ns = float(t0_ns)  # time of the next heartbeat
 
     def _place(
         self, ready_ns: float, can_id: int, data: bytes, is_fd: bool, line: int = 0
     ) -> TimedFrame:
-        """Put one frame on a line as soon as it is ready and the line is free."""
+        """Put a frame on a line when the frame is ready and the line free; return the frame."""
         length = len(data)
         stuff_bits = next(self._draws) * (34 + 8 * length) / 8.0
         start_ns = max(ready_ns, self._busy_ns[line])
@@ -104,7 +104,7 @@ class CanSegment:
         return round(self._busy_ns[line]), can_id, data, is_fd
 
     def _listening(self, t_ns: int, line: int) -> dict[int, JointNode]:
-        """Return the nodes that are on a line at this time, by joint."""
+        """Return the nodes that use a line at this time, by joint index."""
         for toggle in self._toggles:
             toggle.advance(t_ns)
         if not self._toggles and line == 0:
@@ -112,7 +112,7 @@ class CanSegment:
         return {joint: node for joint, node in self.nodes.items() if node.line == line}
 
     def on_frame(self, t_ns: int, can_id: int, data: bytes, line: int = 0) -> list[TimedFrame]:
-        """Accept a frame of the host; return what the nodes of that line answer, in bus order."""
+        """Accept a frame of the host; return the answers of the line's nodes, in bus order."""
         listening = self._listening(t_ns, line)
         nodes = listening.values()
         if can_id == canopen.SYNC_ID and len(data) == 1:
@@ -135,7 +135,7 @@ class CanSegment:
     ) -> list[TimedFrame]:
         readings = self._latch(t_ns)
         t_us = (t_ns - self._t0_ns) // 1000
-        first: list[tuple[int, bytes, bool]] = []  # TPDO1 precede TPDO2: in order of identifier
+        first: list[tuple[int, bytes, bool]] = []  # TPDO1 before TPDO2: in order of identifier
         second: list[tuple[int, bytes, bool]] = []
         for joint, node in self._by_id:
             reading = readings[joint] if joint < len(readings) else NO_JOINT
@@ -154,7 +154,7 @@ class CanSegment:
         return 0x700 + node.node_id, bytes([state]), False
 
     def frames_until(self, t_ns: int, line: int = 0) -> list[TimedFrame]:
-        """Return the frames that nodes of a line sent unasked: boot-up frames, heartbeats."""
+        """Return the boot-up frames and heartbeats that nodes of a line send until this time."""
         if t_ns < self._unasked_ns and not self._booting:
             return []
         listening = self._listening(t_ns, line)

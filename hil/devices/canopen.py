@@ -18,7 +18,7 @@ from hil.devices.tpdo1 import CLASSIC, FD
 
 SYNC_ID = 0x080
 NMT_ID = 0x000
-SDO_ID = 0x600  # and above: requests to a node, then heartbeats
+SDO_ID = 0x600  # identifiers from here: requests to a node, then heartbeats
 COUNTS_PER_RAD = 2**24 / (2.0 * math.pi)
 COUNTS_PER_M = 2**24
 STATUS_GOOD = 0x09  # torque valid, encoder valid
@@ -34,7 +34,7 @@ ABORT_COMMAND = 0x05040001
 
 
 class NodeState(IntEnum):
-    """Network state as the heartbeat carries it."""
+    """Network state as coded in the heartbeat."""
 
     BOOT_UP = 0x00
     STOPPED = 0x04
@@ -43,17 +43,17 @@ class NodeState(IntEnum):
 
 
 class Reading(NamedTuple):
-    """Measurement of a node at one latch, as the fields of its frames carry it."""
+    """Measurement of a node at one latch, as raw values of frame fields."""
 
-    position: int  # 2^-24 rev, of a prismatic joint 2^-24 m; rate and torque likewise
+    position: int  # 2^-24 rev; prismatic joint: 2^-24 m (velocity: m/s, torque: N)
     velocity: int  # 2^-24 rev/s
-    torque: int  # 0.01 N m, of a CAN FD node 1e-4 N m
-    motor_torque: int  # per mille of rated
+    torque: int  # 0.01 N m; CAN FD node: 1e-4 N m
+    motor_torque: int  # per mille of the rated torque
     is_overloaded: bool
 
 
 class FieldScale:
-    """Converts measured values to the fields of frames, all nodes at once."""
+    """Converts measured values of all nodes to raw values of frame fields."""
 
     def __init__(
         self, is_fd: Sequence[bool], torque_range_nm: float, is_sliding: Sequence[bool] = ()
@@ -128,13 +128,13 @@ class JointNode:
     autostart: bool = True
     sync_counter_max: int = 240
     state: NodeState = NodeState.PRE_OPERATIONAL
-    status_extra: int = 0  # further status bits a fault scenario wants set
-    silent: bool = False  # a dead node
-    toggle: BusToggle | None = None  # of a node on two buses
-    syncs_per_report: int = 1  # object 0x3018 of wheels and thrusters
+    status_extra: int = 0  # further status bits, set by faults
+    silent: bool = False  # true: the node sends nothing
+    toggle: BusToggle | None = None  # only for a node on two buses
+    syncs_per_report: int = 1  # object 0x3018 of wheel and thruster nodes
     _syncs: int = 0
     _commanded: bool = False
-    _syncs_left: int | None = None  # until the next TPDO2; None: start value not seen yet
+    _syncs_left: int | None = None  # SYNCs until the next TPDO2; None: start value not received yet
     _objects: dict[tuple[int, int], bytes] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -150,11 +150,11 @@ class JointNode:
 
     @property
     def line(self) -> int:
-        """Which bus of a pair the node listens and talks on."""
+        """Bus of a redundant pair, 0 or 1, on which the node receives and sends."""
         return 0 if self.toggle is None else self.toggle.line
 
     def on_nmt(self, command: int, node_id: int) -> bool:
-        """Apply an NMT command; True when the node restarted (and sends its boot-up frame)."""
+        """Apply an NMT command; return True if the node restarts and so sends a boot-up frame."""
         if node_id not in (0, self.node_id):
             return False
         if command in (0x81, 0x82):
@@ -171,7 +171,7 @@ class JointNode:
         return False
 
     def on_sync(self, counter: int, reading: Reading, t_us: int) -> tuple[bytes, ...]:
-        """Return the PDOs this SYNC triggers: none, TPDO1, or TPDO1 and TPDO2."""
+        """Return the PDOs that this SYNC triggers: none, TPDO1, or TPDO1 and TPDO2."""
         if not self._reports():
             return ()
         status = STATUS_GOOD | self.status_extra
@@ -186,7 +186,7 @@ class JointNode:
         return (encode_tpdo1(reading, status, counter),)
 
     def _reports(self) -> bool:
-        """Start by itself where it may, count one SYNC, and return whether the node answers it."""
+        """Start if autostart allows, count one SYNC, return whether the node answers this SYNC."""
         if self.state is NodeState.PRE_OPERATIONAL and self.autostart and not self._commanded:
             self.state = NodeState.OPERATIONAL
         self._syncs += 1
@@ -194,7 +194,7 @@ class JointNode:
         return answers and self._syncs % self.syncs_per_report == 0
 
     def _tpdo2_due(self, counter: int) -> bool:
-        """Count SYNCs from the start value (object 0x1801:06 = joint number), CiA 301 7.5.2.37."""
+        """Return whether TPDO2 is due; its start value 0x1801:06 is `joint` (CiA 301 7.5.2.37)."""
         if self._syncs_left is None:
             if counter != self.joint:
                 return False
@@ -206,7 +206,7 @@ class JointNode:
         return True
 
     def on_sdo(self, data: bytes) -> bytes | None:
-        """Answer one SDO request (expedited upload only), else abort."""
+        """Return the answer to an SDO request: expedited upload or abort; None: no answer."""
         if self.silent or self.state is NodeState.STOPPED or len(data) != 8 or data[0] >> 5 == 4:
             return None
         index, subindex = struct.unpack_from("<HB", data, 1)

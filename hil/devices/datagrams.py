@@ -1,4 +1,4 @@
-"""Many datagrams, or frames, by one system call: sendmmsg(2) and recvmmsg(2) with kernel stamps."""
+"""Send or receive many datagrams by one system call, sendmmsg(2) or recvmmsg(2), with stamps."""
 
 import ctypes
 import errno
@@ -8,7 +8,7 @@ import struct
 import time
 from collections.abc import Sequence
 
-SLOTS = 32  # of one system call
+SLOTS = 32  # datagrams in one system call
 SO_TIMESTAMPNS = 35
 CONTROL_BYTES = 64
 STAMP = struct.Struct("@NiiqQ")  # struct cmsghdr and struct timespec
@@ -39,13 +39,13 @@ class _Header(ctypes.Structure):
 
 
 class Datagrams:
-    """Memory of such system calls in one direction.
+    """Buffers for sendmmsg(2) and recvmmsg(2) on one socket.
 
     Parameters
     ----------
-    end : the socket; a read asks it for stamps
-    slot_bytes : longest datagram; a longer one is cut
-    destination : struct sockaddr of what is sent; empty: the socket's own
+    end : the socket
+    slot_bytes : length of the longest datagram; longer ones are truncated
+    destination : struct sockaddr of the receiver; empty: the socket's own peer
     """
 
     def __init__(
@@ -74,7 +74,7 @@ class Datagrams:
         self._libc = ctypes.CDLL(None, use_errno=True)
 
     def send(self, datagrams: Sequence[bytes]) -> int:
-        """Send datagrams; return how many did not go out."""
+        """Send datagrams; return how many were not sent."""
         return sum(self._send(datagrams[i : i + SLOTS]) for i in range(0, len(datagrams), SLOTS))
 
     def _send(self, datagrams: Sequence[bytes]) -> int:
@@ -86,11 +86,11 @@ class Datagrams:
         return len(datagrams) - max(sent, 0)
 
     def receive(self) -> list[tuple[int, bytes]]:
-        """Return the waiting datagrams, SLOTS at most: stamp [ns, CLOCK_REALTIME] and data.
+        """Return at most SLOTS waiting datagrams: stamp [ns, CLOCK_REALTIME] and data.
 
         Raises
         ------
-        OSError when the link is down; it comes back to the same socket.
+        OSError while the link is down; the socket works again when the link is up.
         """
         count: int = self._libc.recvmmsg(
             self._descriptor, self._headers, SLOTS, socket.MSG_DONTWAIT, None

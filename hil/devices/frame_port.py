@@ -1,7 +1,6 @@
-"""A bus whose socket carries struct can_frame: SocketCAN, or `udp_frames` in its place.
+"""A bus whose socket carries struct can_frame: SocketCAN, or UDP datagrams (`udp_frames`).
 
-The answers to a SYNC go out by one system call. Source of the layout: the kernel's
-networking/can.rst.
+One system call sends all answers to a SYNC. Source of the layout: the kernel's networking/can.rst.
 """
 
 import os
@@ -21,13 +20,13 @@ from hil.devices.plant_file import BusLink
 
 HEAD = struct.Struct("=IBB2x")  # identifier and flags, length, flags of CAN FD
 CLASSIC_BYTES, FD_BYTES = 16, 72
-SFF_MASK = 0x7FF  # more are flags: extended, remote, error
+SFF_MASK = 0x7FF  # higher bits are flags: extended, remote, error
 BIT_RATE_SWITCH, FD_FRAME = 0x01, 0x04
-TAP_WAIT_S = 0.005  # for a SYNC at the host's end that has come to the devices'
-TAP_APART_NS = 50_000_000  # stamps of one SYNC at most; its counter comes again much later
+TAP_WAIT_S = 0.005  # for the host's copy of a SYNC that the devices have received
+TAP_APART_NS = 50_000_000  # most between two stamps of one SYNC; the counter repeats much later
 LOAD_BYTE, RETURN, JUMP_EQUAL, JUMP_FROM, JUMP_ABOVE = 0x30, 0x06, 0x15, 0x35, 0x25
 UDP_HEADER = 8
-FILTER = (  # discards what no node hears, 0x181 to 0x5ff; the lowest byte comes first
+FILTER = (  # discards identifiers that no node receives, 0x181 to 0x5ff; low byte first
     (LOAD_BYTE, 0, 0, UDP_HEADER + 1),
     (JUMP_FROM, 5, 0, 6),
     (JUMP_ABOVE, 3, 0, 1),
@@ -40,7 +39,7 @@ FILTER = (  # discards what no node hears, 0x181 to 0x5ff; the lowest byte comes
 
 
 def frame_bytes(can_id: int, data: bytes, *, is_fd: bool) -> bytes:
-    """Return a base-format data frame as the kernel lays it out."""
+    """Return a base-format data frame in the kernel's layout."""
     flags = FD_FRAME | BIT_RATE_SWITCH if is_fd else 0
     return (HEAD.pack(can_id, len(data), flags) + data).ljust(
         FD_BYTES if is_fd else CLASSIC_BYTES, b"\0"
@@ -48,19 +47,19 @@ def frame_bytes(can_id: int, data: bytes, *, is_fd: bool) -> bytes:
 
 
 class SyncTap:
-    """Hears SYNCs at the host's end of a cable, for their stamps.
+    """Receives SYNCs at the host's end of a cable, to get their time stamps.
 
-    A frame on a wire has one time. On a cable between two links of one kernel it is stamped twice,
-    and a timer of that kernel in between sets the stamps 50 us apart.
+    A frame on a real wire has one time. On a cable between two links of one kernel a frame gets two
+    stamps, which are 50 us apart because of a timer in the kernel.
     """
 
     def __init__(self, channel: str) -> None:
         only = [{"can_id": SYNC_ID, "can_mask": 0x7FF, "extended": False}]
         self._bus = can.Bus(interface="socketcan", channel=channel, can_filters=only)
-        self._ahead: can.Message | None = None  # heard here, not yet at the devices' end
+        self._ahead: can.Message | None = None  # received here, not yet at the devices' end
 
     def stamp_ns(self, stamp_ns: int, data: bytes) -> int:
-        """Return when a SYNC was on the cable [ns, CLOCK_REALTIME]; its own stamp where unheard."""
+        """Return the host's stamp of a SYNC [ns, CLOCK_REALTIME], or `stamp_ns` without one."""
         while (heard := self._next()) is not None:
             apart_ns = round(heard.timestamp * 1e9) - stamp_ns
             if heard.data == data and abs(apart_ns) < TAP_APART_NS:
@@ -76,7 +75,7 @@ class SyncTap:
             return heard
         try:
             return self._bus.recv(TAP_WAIT_S)
-        except can.CanError:  # this end was down; it comes back to the same socket
+        except can.CanError:  # the link is down; the socket works again afterwards
             return None
 
     def close(self) -> None:
@@ -85,14 +84,14 @@ class SyncTap:
 
 
 class FramePort:
-    """One bus, many frames at a time."""
+    """One bus that sends and receives many frames at a time."""
 
     def __init__(self, link: BusLink) -> None:
         """Open the bus.
 
         Raises
         ------
-        ValueError for an interface without such a socket, CanError or OSError when it is not there.
+        ValueError for an unknown interface, CanError or OSError if the bus cannot be opened.
         """
         self._is_fd, destination = link.fd, b""
         self._tap = None if link.stamped_at is None else SyncTap(link.stamped_at)
@@ -116,15 +115,15 @@ class FramePort:
         self.receive_errors = 0
 
     def fileno(self) -> int:
-        """Return the descriptor that becomes readable with frames."""
+        """Return the descriptor that is readable when frames wait."""
         return self._socket.fileno()
 
     def receive(self) -> list[HeardFrame]:
-        """Return the frames that have come and that nodes hear."""
+        """Return the received frames that nodes accept; none while the link is down."""
         frames: list[HeardFrame] = []
         try:
             received = self._in.receive()
-        except OSError:  # a link that is down; it comes back to the same socket
+        except OSError:  # the link is down; the socket works again afterwards
             self.receive_errors += 1
             return []
         for stamp_ns, datagram in received:
@@ -143,7 +142,7 @@ class FramePort:
         return frames
 
     def send(self, frames: Sequence[TimedFrame]) -> int:
-        """Send frames; return how many did not go out."""
+        """Send frames; return how many were not sent."""
         packed = [
             frame_bytes(can_id, data, is_fd=is_fd)
             for _, can_id, data, is_fd in frames

@@ -1,4 +1,4 @@
-"""Which frames of a bus a node hears."""
+"""The frames of a bus that a node accepts."""
 
 from hil.devices.canopen import NMT_ID, SDO_ID, SYNC_ID
 

@@ -1,4 +1,4 @@
-"""The simulated inertial unit: own clock, own counter, datagrams on a line."""
+"""The simulated inertial unit: samples on its own clock, datagrams on a serial line."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +16,10 @@ GYRO_DEGC, ACC_DEGC = 25.0, 24.0
 
 
 class Imu:
-    """Samples on its own clock; the first byte leaves `latency` after the sample instant.
+    """Inertial unit that samples on its own clock and sends `latency_s` after each sample.
 
-    The rate in datagram n is the one at its sample instant less the gyro's group delay, the
-    specific force that at the instant less the accelerometer's: `truth_ns` gives both exactly.
+    Datagram n holds the rate at the sample instant less the gyro's group delay, and the specific
+    force at the sample instant less the accelerometer's. `truth_ns` returns both times exactly.
     """
 
     def __init__(
@@ -68,7 +68,7 @@ class Imu:
         return gyro, sample - round(self._config.acc_group_delay_s * 1e9)
 
     def times(self) -> dict[str, float]:
-        """Return the sampling clock: instant of datagram 0, period, its counter, its error."""
+        """Return the sampling clock: time of datagram 0, period, first counter, clock error."""
         return {
             "t0_ns": self._t0_ns,
             "period_ns": self._period_ns,
@@ -77,7 +77,7 @@ class Imu:
         }
 
     def next_ns(self) -> int:
-        """Return when the host gets the next chunk."""
+        """Return the time when the host receives the next chunk [ns]."""
         while True:
             due = self.line.next_ns()
             if due is not None:
@@ -85,7 +85,7 @@ class Imu:
             self._generate()
 
     def take(self, until_ns: int) -> list[TimedBytes]:
-        """Return the chunks the host has by the time."""
+        """Return the chunks that the host has received by this time, with their times."""
         while self._first_possible_ns() <= until_ns:
             self._generate()
         return self.line.take(until_ns)

@@ -1,8 +1,8 @@
-"""python-can's `udp_multicast` bus, read and written many frames at a time.
+"""python-can's bus `udp_multicast`, for many frames at a time.
 
-The datagrams are python-can's own (msgpack maps); its bus makes the socket. Frames go out by one
-sendmmsg as bytes packed beforehand around the data, and frames that no node hears, above all those
-of the nodes themselves, end in a filter of the kernel.
+The datagrams are python-can's msgpack maps, and python-can's bus makes the socket. One sendmmsg
+sends several frames; the bytes around the data are packed in advance. A kernel filter discards
+frames that no node accepts, above all the frames of the nodes themselves.
 """
 
 import ctypes
@@ -24,13 +24,13 @@ from hil.devices.plant_file import BusLink
 
 SO_ATTACH_FILTER = 26
 SLOT_BYTES = 512
-DATA_KEY = b"\xa4data\xc4"  # and a byte of length
+DATA_KEY = b"\xa4data\xc4"  # followed by a byte of length
 UDP_HEADER = 8
 ID_TAIL = UDP_HEADER + 31  # `n_id` of the key arbitration_id, then its value
 LOAD_WORD, LOAD_HALF, LOAD_BYTE, RETURN = 0x20, 0x28, 0x30, 0x06
 JUMP_EQUAL, JUMP_ABOVE, JUMP_FROM = 0x15, 0x25, 0x35
-UNHEARD = 0x180, 0x600  # nodes hear nothing above the first and below the second identifier
-FILTER = (  # code, jump if true, jump if false, operand; a datagram too short is discarded
+UNHEARD = 0x180, 0x600  # nodes accept no identifier between these two
+FILTER = (  # code, jump if true, jump if false, operand; short datagrams are discarded
     (LOAD_WORD, 0, 0, ID_TAIL),
     (JUMP_EQUAL, 0, 5, int.from_bytes(b"n_id", "big")),
     (LOAD_BYTE, 0, 0, ID_TAIL + 4),
@@ -59,7 +59,7 @@ def _around(can_id: int, length: int, is_fd: bool) -> tuple[bytes, bytes]:
 
 
 def datagram(can_id: int, data: bytes, *, is_fd: bool) -> bytes:
-    """Return the datagram python-can's bus sends for a frame."""
+    """Return the datagram that python-can's bus sends for a frame."""
     before, after = _around(can_id, len(data), is_fd)
     return before + data + after
 
@@ -78,11 +78,11 @@ class MulticastPort:
         self._out = Datagrams(self._socket, SLOT_BYTES, address_of(self._socket, link.channel))
 
     def fileno(self) -> int:
-        """Return the descriptor that becomes readable with frames."""
+        """Return the descriptor that is readable when frames wait."""
         return self._socket.fileno()
 
     def receive(self) -> list[HeardFrame]:
-        """Return the frames that have come and that nodes hear."""
+        """Return the received frames that nodes accept."""
         frames = []
         for stamp_ns, data in self._in.receive():
             try:
@@ -99,7 +99,7 @@ class MulticastPort:
         return frames
 
     def send(self, frames: Sequence[TimedFrame]) -> int:
-        """Send frames; return how many did not go out."""
+        """Send frames; return how many were not sent."""
         datagrams = [
             datagram(can_id, data, is_fd=is_fd)
             for _, can_id, data, is_fd in frames
@@ -114,7 +114,7 @@ class MulticastPort:
 
 
 def filtered(end: socket.socket, program: Sequence[tuple[int, int, int, int]]) -> None:
-    """Have the kernel discard what a classic BPF program returns 0 for."""
+    """Have the kernel discard datagrams for which a classic BPF program returns 0."""
     code = b"".join(struct.pack("=HBBI", *instruction) for instruction in program)
     kept = ctypes.create_string_buffer(code)
     header = struct.pack("@HP", len(program), ctypes.addressof(kept))

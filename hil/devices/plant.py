@@ -1,6 +1,6 @@
 """The simulated robot's devices: CAN frames in, CAN frames and serial bytes out, all timed.
 
-`Plant` is passive and knows only the times it is given, so the same object serves virtual time (see
+`Plant` reads no clock: every time is an argument. The same class therefore serves virtual time (see
 `hil.links.virtual`) and real time (`python -m hil.devices PLANT.yaml`).
 """
 
@@ -24,7 +24,7 @@ from hil.world.sensors import JointErrors, generator
 from hil.world.thrusters import ThrusterSystem
 
 FIRST_NODE = 0x11
-AHEAD = 64  # latches measured at once
+AHEAD = 64  # latches measured in one batch
 
 
 class Plant:
@@ -32,12 +32,12 @@ class Plant:
 
     Parameters
     ----------
-    history : truth; its time zero is `start_delay_s` after the first SYNC, at rest before
-    sensors : what the devices are and how wrong they measure
+    history : truth; its time zero is `start_delay_s` after the first SYNC
+    sensors : devices and their errors
     seed : fixes every random bit of every device
     t0_ns : power-on, on the host's clock
-    sync_rate_hz : of the host's SYNC; what a noise block is sampled at
-    thrusters : whose valves a node reports, where `sensors` has one
+    sync_rate_hz : rate of the host's SYNC, at which noise blocks are sampled
+    thrusters : thrusters whose valves the thruster node of `sensors` reports
     """
 
     def __init__(
@@ -69,9 +69,9 @@ class Plant:
         is_sliding = [node.is_prismatic for node in self.nodes]
         self._scale = FieldScale(is_fd, sensors.joints.torque_range_nm, is_sliding)
         self._latched_ns = t0_ns
-        self._readings: list[Reading] = []  # of that latch
-        self._step_ns = 0  # from the latch before
-        self._ahead: list[tuple[int, list[Reading]]] = []  # latches to come, the next one last
+        self._readings: list[Reading] = []  # of the latch at _latched_ns
+        self._step_ns = 0  # time from the latch before to this latch
+        self._ahead: list[tuple[int, list[Reading]]] = []  # future latches, the next one last
         self._rested = rested
         self._others = self._wheel_nodes(sensors.wheels, seed, rate_hz)
         self._add_thruster_node(thrusters, rate_hz)
@@ -120,12 +120,12 @@ class Plant:
         )
 
     def _latch(self, t_ns: int) -> Sequence[Reading]:
-        """Measure every joint; buses sharing a SYNC instant share the latch."""
+        """Measure every joint; buses with the same SYNC instant share the latch."""
         if self._latched_ns == t_ns and self._readings:
             return self._readings
         step_ns, self._latched_ns = t_ns - self._latched_ns, t_ns
         if not (self._ahead and self._ahead[-1][0] == t_ns):
-            # where two steps are equal, as in virtual time, the next ones are expected to be
+            # after two equal steps, as in virtual time, the next steps are expected to be equal
             count = AHEAD if step_ns == self._step_ns else 1
             self._ahead = self._measured(t_ns, step_ns, count)
         self._step_ns = step_ns
@@ -134,7 +134,7 @@ class Plant:
         return self._readings
 
     def _measured(self, t_ns: int, step_ns: int, count: int) -> list[tuple[int, list[Reading]]]:
-        """Return the latches from `t_ns` on, the first of them last: times and readings."""
+        """Return times and readings of `count` latches from `t_ns`, in reverse order."""
         config = self.sensors.joints
         count = min(count, self.joint_errors.left(), 1 + int(SPAN_S * 1e9) // max(step_ns, 1))
         times_ns = [t_ns + k * step_ns for k in range(count)]
@@ -145,7 +145,7 @@ class Plant:
         measured[0] = position - self._zeros
         measured[1] = qd
         blind = np.flatnonzero(self.joint_errors.speed_only)
-        if blind.size:  # classic frames have the speed in the place of the position
+        if blind.size:  # classic frames have speed in place of position
             measured[1][:, blind] = self.joint_errors.speeds_ahead(qd)
             measured[0][:, blind] = np.where(self._is_fd[blind], 0.0, measured[1][:, blind])
         measured[3] = tau / config.rated_torque_nm
@@ -155,7 +155,7 @@ class Plant:
     def _wheel_nodes(
         self, config: WheelSensorConfig | None, seed: int, sync_rate_hz: float
     ) -> dict[str, dict[int, JointNode]]:
-        """Return the wheel nodes of every bus, numbered behind the joints."""
+        """Return the wheel nodes by bus and index; the indices follow the joints'."""
         nodes: dict[str, dict[int, JointNode]] = {}
         joints = self.sensors.joints
         if config is None:
@@ -174,7 +174,7 @@ class Plant:
         return nodes
 
     def _add_thruster_node(self, thrusters: ThrusterSystem | None, sync_rate_hz: float) -> None:
-        """Add the valve driver, numbered behind joints and wheels."""
+        """Add the valve driver; its index follows the indices of joints and wheels."""
         config, joints = self.sensors.thrusters, self.sensors.joints
         if config is None or thrusters is None:
             return
@@ -196,7 +196,7 @@ class Plant:
     def _tachometer(
         self, k: int, config: WheelSensorConfig, seed: int
     ) -> Callable[[], tuple[float, float]]:
-        """Return a function that measures one wheel at the newest latch."""
+        """Return a function that measures one wheel at the newest latch: speed, motor torque."""
         rng = generator(seed, "wheel", k)
         offset_nm = config.torque_offset_sigma_nm * float(rng.standard_normal())
 
@@ -212,7 +212,7 @@ class Plant:
         return measure
 
     def sync_producer(self, t0_ns: int) -> SyncProducer | None:
-        """Return a SYNC producer starting at the time, where the plant is to be one."""
+        """Return a SYNC producer from `t0_ns`, or None if the host produces SYNC."""
         joints = self.sensors.joints
         if joints.sync_rate_hz is None:
             return None
@@ -224,30 +224,30 @@ class Plant:
     def on_frame(
         self, t_ns: int, can_id: int, data: bytes, bus: str | None = None, line: int = 0
     ) -> list[TimedFrame]:
-        """Accept a frame the host sent at `t_ns`; return the answers with their arrival times."""
+        """Accept a frame that the host sent at `t_ns`; return the answers with arrival times."""
         if can_id == SYNC_ID:
             self.clock.start(t_ns)
         return self._bus(bus).on_frame(t_ns, can_id, data, line)
 
     def frames_until(self, t_ns: int, bus: str | None = None, line: int = 0) -> list[TimedFrame]:
-        """Return boot-up frames and heartbeats due by the time, with their arrival times."""
+        """Return boot-up frames and heartbeats due by this time, with their arrival times."""
         return self._bus(bus).frames_until(t_ns, line)
 
     def next_serial_ns(self, device: str | None = None) -> int | None:
-        """Return when a serial line next needs the host's attention."""
+        """Return the time of the next event on a serial line [ns]; None without lines."""
         lines = [self.lines[device]] if device is not None else list(self.lines.values())
         return min((line.next_ns() for line in lines), default=None)
 
     def serial_until(self, t_ns: int) -> dict[str, list[TimedBytes]]:
-        """Return per device the chunks the host has by the time, with their arrival times."""
+        """Return by device the chunks received by this time, with their arrival times."""
         return {name: line.take(t_ns) for name, line in self.lines.items()}
 
     def write_serial(self, t_ns: int, device: str, data: bytes) -> None:
-        """Hand bytes of the host to a device; the inertial unit ignores them."""
+        """Give bytes of the host to a device; the inertial unit ignores bytes."""
         if device == "star_tracker" and self.star_tracker is not None:
             self.star_tracker.write(t_ns, data)
 
     def times(self) -> dict[str, Any]:
-        """Return what maps truth to host time: origin, IMU datagram n at t0 + n period."""
+        """Return the map from truth to host time: origin, and t0 and period of IMU samples."""
         imu = None if self.imu is None else self.imu.times()
         return {"origin_ns": self.clock.origin_ns, "imu": imu}

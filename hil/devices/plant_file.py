@@ -22,12 +22,12 @@ from hil.world.thrusters import ThrusterSystem
 from hil.world.wheels import WheelSystem
 
 TAIL_S = 0.1
-TUMBLING_TAIL_S = 20.0  # longer than any run goes on after the arm's motion
+TUMBLING_TAIL_S = 20.0  # longer than the rest of any run after the motion
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RobotFile:
-    """Where the true robot is described."""
+    """The URDF of the true robot."""
 
     __pydantic_config__ = STRICT
     urdf: Path
@@ -36,12 +36,12 @@ class RobotFile:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrueBodies:
-    """True inertial data; without `base` the URDF's, without `target` nothing is grasped."""
+    """True inertial data; base None: as in the URDF; target None: nothing is grasped."""
 
     __pydantic_config__ = STRICT
     base: Body | None = None
     target: Body | None = None
-    held: dict[str, Body] = field(default_factory=dict)  # further ones, by what they are fixed to
+    held: dict[str, Body] = field(default_factory=dict)  # further bodies by frame
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,9 +55,9 @@ class RedundantLink:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BusLink:
-    """One python-can bus; `name` is the one the nodes refer to.
+    """One python-can bus; nodes refer to it by `name`.
 
-    `stamped_at` is the host's end of a SocketCAN cable: a SYNC's time is its stamp there.
+    `stamped_at` is the host's end of a SocketCAN cable, where SYNCs get their time stamps.
     """
 
     __pydantic_config__ = STRICT
@@ -72,7 +72,7 @@ class BusLink:
     redundant: RedundantLink | None = None
 
     def lines(self) -> tuple[BusLink, ...]:
-        """Return the bus, and the redundant one where there is one, as buses of their own."""
+        """Return the bus, and the redundant bus if there is one, as separate buses."""
         if self.redundant is None:
             return (self,)
         second = self.redundant
@@ -82,7 +82,7 @@ class BusLink:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Links:
-    """Where the devices are reached; the serial paths are made as links to pseudo-terminals."""
+    """Buses and serial lines of the devices; the paths become links to pseudo-terminals."""
 
     __pydantic_config__ = STRICT
     buses: tuple[BusLink, ...]
@@ -92,7 +92,7 @@ class Links:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Realtime:
-    """How the process asks to be run; priority 0: no SCHED_FIFO."""
+    """Priority and processor of the process; priority 0: no SCHED_FIFO."""
 
     __pydantic_config__ = STRICT
     priority: int = 0
@@ -123,13 +123,13 @@ class PlantFile:
 
 
 def load(path: Path) -> PlantFile:
-    """Read the file; ValueError (pydantic's) for unknown, missing or wrong keys."""
+    """Read the file. Raises pydantic's ValueError for unknown, missing or invalid keys."""
     data: Any = yaml.safe_load(path.read_text(encoding="utf-8"))
     return TypeAdapter(PlantFile).validate_python(data)
 
 
 def build(file: PlantFile, folder: Path, t0_ns: int) -> Plant:
-    """Simulate the truth and power the devices on at `t0_ns`; paths are relative to `folder`."""
+    """Simulate the truth; return devices powered on at `t0_ns`. Paths start at `folder`."""
     bodies = file.bodies
     urdf = folder / file.robot.urdf
     robot = Robot.load(

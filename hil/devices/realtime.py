@@ -26,19 +26,17 @@ from hil.devices.plant_file import BusLink, PlantFile, Realtime, build, load
 
 PR_SET_TIMERSLACK = 29
 IDLE_NS = 50_000_000
-AHEAD_NS = 100_000  # bytes are ready that long before their time; what is left of it is waited out
+AHEAD_NS = 100_000  # bytes are prepared so long before their time; the rest is a busy wait
 HANG_UP_NS = 1_000_000_000
-STALL_NS = (
-    2_000_000  # what comes so much later than a device would send it, this process has delayed
-)
-COMPARED_NS = 20_000_000  # between two comparisons of the clocks
-MOST_STALLS = 10_000  # told at the end
+STALL_NS = 2_000_000  # an action later than this was delayed by this process, not by a device
+COMPARED_NS = 20_000_000  # time between two comparisons of the clocks
+MOST_STALLS = 10_000  # most stalls that are reported
 
 
 def monotonic_less_realtime_ns() -> int:
-    """Return CLOCK_MONOTONIC minus CLOCK_REALTIME [ns], to be added to a kernel stamp.
+    """Return CLOCK_MONOTONIC minus CLOCK_REALTIME [ns], for conversion of kernel stamps.
 
-    Of three comparisons the one in which the least came between the readings counts.
+    The result is from the comparison, of three, with the shortest time between its readings.
     """
     readings = [(time.monotonic_ns(), time.time_ns(), time.monotonic_ns()) for _ in range(3)]
     before_ns, realtime_ns, after_ns = min(readings, key=lambda reading: reading[2] - reading[0])
@@ -46,13 +44,13 @@ def monotonic_less_realtime_ns() -> int:
 
 
 class Stalls:
-    """Times in which this process had to act and did not: no device is as late as that."""
+    """Intervals in which this process was late by more than any device would be."""
 
     def __init__(self) -> None:
-        self.found: list[tuple[int, int]] = []  # from when it had to act to when it did [ns]
+        self.found: list[tuple[int, int]] = []  # due time and actual time of an action [ns]
 
     def note(self, due_ns: int, now_ns: int) -> None:
-        """Note that something due was done now; stalls that overlap are one."""
+        """Record a stall if a due action came late; overlapping stalls become one."""
         if now_ns - due_ns < STALL_NS:
             return
         if self.found and due_ns <= self.found[-1][1]:
@@ -62,31 +60,31 @@ class Stalls:
 
 
 class BusEnd:
-    """One bus and the frames waiting for their time on it."""
+    """One bus and the frames that wait to be sent on this bus."""
 
     def __init__(self, link: BusLink, plant: Plant, stalls: Stalls, line: int = 0) -> None:
-        """`line` 1 is the redundant bus of a pair."""
+        """Open the bus; `line` 1 is the redundant bus of a pair."""
         self._stalls = stalls
         is_multicast = link.interface == "udp_multicast"
         self._port = MulticastPort(link) if is_multicast else FramePort(link)
         self._plant, self._name, self._line = plant, link.name, line
         self._producer = plant.sync_producer(time.monotonic_ns())
-        self._queue: deque[TimedFrame] = deque()  # in order: a line carries one at a time
+        self._queue: deque[TimedFrame] = deque()  # in order of time
         self._compared_ns, self._offset_ns = -COMPARED_NS, 0
         self.sync_seen = False
         self.send_errors = 0
 
     @property
     def receive_errors(self) -> int:
-        """Receptions that failed."""
+        """Number of failed receptions."""
         return self._port.receive_errors
 
     def fileno(self) -> int:
-        """Return the descriptor that becomes readable with frames."""
+        """Return the descriptor that is readable when frames wait."""
         return self._port.fileno()
 
     def receive(self) -> None:
-        """Drain the bus; answers join the queue. SYNC is latched at its kernel stamp."""
+        """Read all frames and queue the answers. A SYNC is latched at its kernel stamp."""
         now_ns = time.monotonic_ns()
         if now_ns - self._compared_ns > COMPARED_NS:
             self._compared_ns, self._offset_ns = now_ns, monotonic_less_realtime_ns()
@@ -116,7 +114,7 @@ class BusEnd:
             self.send_errors += self._port.send(due)
 
     def deadline_ns(self) -> int | None:
-        """Return when to wake: the last waiting frame (one wake serves one SYNC), or a SYNC."""
+        """Return the next wake-up [ns]: last waiting frame (one per SYNC) or own SYNC; or None."""
         due = [self._queue[-1][0]] if self._queue else []
         if self._producer is not None:
             due.append(self._producer.next_ns())
@@ -128,13 +126,13 @@ class BusEnd:
 
 
 class PtyEnd:
-    """A pseudo-terminal whose slave is linked at a path; held open so that the host may reopen."""
+    """A pseudo-terminal with a link at `path`; it stays open so that the host can reopen it."""
 
     def __init__(self, device: str, path: Path, plant: Plant) -> None:
         self.device, self.path = device, path
         self._plant = plant
         self.dropped_bytes = 0
-        self._back_ns: int | None = None  # hung up until then
+        self._back_ns: int | None = None  # end of a hang-up; None: not hung up
         path.parent.mkdir(parents=True, exist_ok=True)
         self._open()
 
@@ -147,31 +145,31 @@ class PtyEnd:
 
     @property
     def is_up(self) -> bool:
-        """Whether there is anything to open."""
+        """Whether the terminal exists."""
         return self._back_ns is None
 
     def hang_up(self, back_ns: int) -> None:
-        """Remove the terminal until a time, as when a converter is unplugged."""
+        """Remove the terminal until `back_ns`, like an unplugged USB converter."""
         if self._back_ns is None:
             self.close()
         self._back_ns = back_ns
 
     def follow(self, now_ns: int) -> None:
-        """Make a new terminal when it is time."""
+        """Make a new terminal if the hang-up is over."""
         if self._back_ns is not None and now_ns >= self._back_ns:
             self._back_ns = None
             self._open()
 
     def fileno(self) -> int:
-        """Return the descriptor that becomes readable when the host writes."""
+        """Return the descriptor that is readable when the host has written."""
         return self._master
 
     def receive(self) -> None:
-        """Hand what the host wrote to the device."""
+        """Give bytes of the host to the device."""
         self._plant.write_serial(time.monotonic_ns(), self.device, os.read(self._master, 4096))
 
     def send(self, data: bytes) -> None:
-        """Write the bytes that have crossed the line; bytes beyond the host's buffer are lost."""
+        """Write bytes to the host; bytes that do not fit in the host's buffer are lost."""
         if not self.is_up:
             return
         try:
@@ -188,7 +186,7 @@ class PtyEnd:
 
 
 def prepare(realtime: Realtime) -> dict[str, Any]:
-    """Ask for priority, CPU and fine timers; return what was granted."""
+    """Request priority, CPU and fine timers; return which were granted."""
     granted: dict[str, Any] = {"fifo": False}
     ctypes.CDLL(None, use_errno=True).prctl(PR_SET_TIMERSLACK, 1, 0, 0, 0)
     if realtime.cpu is not None:
@@ -210,9 +208,9 @@ def serve(
     hang_ups: list[int],
     stalls: Stalls,
 ) -> None:
-    """Answer and transmit until it is stopped; hang up the first terminal on request.
+    """Answer and transmit until `stopping()`; hang up the first terminal if `hang_ups` is set.
 
-    Serial bytes are discarded until the first SYNC: nobody listens before the host is up.
+    Serial bytes are discarded until the first SYNC, because the host does not read before it.
     """
     by_device = {pty.device: pty for pty in ptys}
     while not stopping():
@@ -269,7 +267,7 @@ def _open(
 
 
 def run(path: Path) -> int:
-    """Run the plant of a file; one JSON line on stdout when ready, one at the end."""
+    """Run the plant of a file; print one JSON line when ready and one at the end."""
     try:
         file = load(path)
         folder = path.absolute().parent

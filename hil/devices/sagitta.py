@@ -1,7 +1,7 @@
 """Sagitta star tracker: SLIP frames with XXH32, requests and answers.
 
 Source: the project's ICD (arcsec Sagitta). Little-endian. Answers to requests other than the
-solution are four bytes (address, type, id, status): not confirmed by a document.
+solution have four bytes (address, type, id, status); no document confirms this.
 """
 
 import struct
@@ -21,14 +21,14 @@ SOLUTION_BYTES = 89  # on the wire, before escaping
 
 
 def frame(payload: bytes) -> bytes:
-    """Append the hash, escape, and delimit."""
+    """Return the frame of a payload: append the hash, escape, and delimit."""
     body = payload + xxhash.xxh32_intdigest(payload, HASH_SEED).to_bytes(4, "little")
     body = body.replace(b"\xdb", b"\xdb\xdd").replace(b"\xc0", b"\xdb\xdc")
     return b"\xc0" + body + b"\xc0"
 
 
 def unframe(body: bytes) -> bytes | None:
-    """Undo the escapes of what stood between two delimiters; None when the hash fails."""
+    """Return the payload of the bytes between two delimiters; None if the hash is wrong."""
     raw = body.replace(b"\xdb\xdc", b"\xc0").replace(b"\xdb\xdd", b"\xdb")
     if len(raw) < 7:
         return None
@@ -76,13 +76,13 @@ def _stamp(solution: Solution) -> tuple[int, int]:
 
 
 class RequestReader:
-    """Cuts what the host sends into payloads; bounded."""
+    """Splits bytes of the host into payloads, with a bounded buffer."""
 
     def __init__(self) -> None:
         self._buffer = b""
 
     def feed(self, data: bytes) -> list[bytes]:
-        """Return every payload that became complete."""
+        """Return every payload that is now complete."""
         parts = (self._buffer + data).split(bytes([END]))
         self._buffer = parts.pop()[-512:]
         payloads = (unframe(part) for part in parts if part)
@@ -90,14 +90,14 @@ class RequestReader:
 
 
 def subscription_of(payload: bytes) -> frozenset[int] | None:
-    """Return the telemetry ids a set-parameter request subscribes to; None for other requests."""
+    """Return the telemetry ids to which a request subscribes; None for other requests."""
     if payload[:3] != bytes([ADDRESS, SET_PARAMETER, SUBSCRIPTION_ID]):
         return None
     return frozenset(payload[3:]) - {0}
 
 
 def answer(payload: bytes) -> bytes | None:
-    """Return the four-byte answer to a request addressed to this unit, framed."""
+    """Return the framed four-byte answer to a request to this unit; None for other payloads."""
     if len(payload) < 3 or payload[0] != ADDRESS or payload[1] > ACTION:
         return None
     known = payload[1] in (SET_PARAMETER, ACTION) or payload[2] == SOLUTION_ID

@@ -10,13 +10,13 @@ from hil.world.sensor_config import StarTrackerSensorConfig
 from hil.world.sensors import NormalStream, attitude, generator
 
 IntArray = NDArray[np.int64]
-ANSWER_NS = 1_000_000  # request to first byte of its answer
+ANSWER_NS = 1_000_000  # from request to first byte of the answer
 
 
 class StarTracker:
-    """Exposure k at t0 + k/rate; the last byte of its frame ends `latency` later.
+    """Star tracker: exposure k is at t0 + k/rate, its frame ends `latency_s` later.
 
-    Escaped bytes lengthen the frame at its end. `valid` may be cleared by a fault scenario.
+    Escaped bytes make the frame end later. A fault may set `valid` to False.
     """
 
     def __init__(
@@ -54,7 +54,7 @@ class StarTracker:
         return instants
 
     def _start_of_next(self) -> int:
-        """Return when the next solution's transmission starts."""
+        """Return the time when the transmission of the next solution starts [ns]."""
         config = self._config
         exposure_ns = int(self.truth_ns(np.array([self._next]))[0])
         jitter_s = config.latency_jitter_s * float(self._jitter.random())
@@ -78,7 +78,7 @@ class StarTracker:
         return sagitta.frame(sagitta.solution_payload(solution))
 
     def write(self, t_ns: int, data: bytes) -> None:
-        """Accept bytes from the host; answers follow a little later."""
+        """Accept bytes from the host; answers start ANSWER_NS later."""
         self._advance(t_ns)
         for payload in self._requests.feed(data):
             ids = sagitta.subscription_of(payload)
@@ -90,7 +90,7 @@ class StarTracker:
                 self.line.send([start_ns], [reply])
 
     def _advance(self, until_ns: int) -> None:
-        """Transmit every solution due to start by the time."""
+        """Transmit every solution that is due by this time."""
         while self._frame_start_ns <= until_ns:
             frame = self._expose()
             if self.subscribed:
@@ -100,14 +100,14 @@ class StarTracker:
         self.line.complete(until_ns)
 
     def next_ns(self) -> int:
-        """Return when the host should next look: a known chunk, or the next transmission's start.
+        """Return when the host should read next [ns]: a known chunk, or the next transmission.
 
-        Looking at the start commits the frame to the line, whose own instants follow.
+        A read at the start of a transmission puts the frame on the line, which has later times.
         """
         due = self.line.next_ns()
         return self._frame_start_ns if due is None else due
 
     def take(self, until_ns: int) -> list[TimedBytes]:
-        """Return the chunks the host has by the time."""
+        """Return the chunks that the host has received by this time, with their times."""
         self._advance(until_ns)
         return self.line.take(until_ns)

@@ -1,8 +1,8 @@
 """STIM300 normal-mode datagrams, encoded many at a time.
 
-Source: data sheet TS1524 rev. 31 as taken over in the project's ICD. Big-endian throughout.
-The CRC goes through zlib on bit-reversed bytes (CRC-32/MPEG-2 is the unreflected sibling of
-zlib's), so it shares no code with the flight decoder's.
+Source: data sheet TS1524 rev. 31 as in the project's ICD. Big-endian throughout. The CRC uses
+zlib on bit-reversed bytes (CRC-32/MPEG-2 is zlib's CRC without reflection), so it shares no code
+with the flight decoder.
 """
 
 import math
@@ -38,14 +38,14 @@ class Layout:
 
     @property
     def length(self) -> int:
-        """Bytes from identifier to CRC."""
+        """Number of bytes from identifier to CRC."""
         clusters = 1 + self.acc + self.incl
         width = 10 + (7 if self.temperature else 0)
         return 1 + clusters * width + 4 * self.extra + 3 + 4
 
 
 def layout_of(datagram_id: int) -> Layout:
-    """Return the layout of a normal-mode identifier; ValueError for any other."""
+    """Return the layout of a normal-mode identifier. Raises ValueError for any other."""
     for group, extra in ((_PLAIN + _TEMPERATURE, False), (_PPS, True), (_AUX, True)):
         if datagram_id in group:
             i = group.index(datagram_id)

@@ -1,4 +1,4 @@
-"""A thruster node: its wire format and its state; written from the ICD alone."""
+"""A thruster node: wire format and state. Source: the ICD, independent of the decoder."""
 
 import struct
 from collections.abc import Callable, Sequence
@@ -19,9 +19,9 @@ def encode_tpdo1(
 
     Parameters
     ----------
-    valves : of the node, bit 0 first; True: open
-    age_s : of the newest change at the latch; None: there was none
-    changes : instants at which any valve changed
+    valves : states of the node's valves, bit 0 first; True: open
+    age_s : age of the newest change at the latch; None: no change yet
+    changes : number of instants at which any valve changed
     """
     word = sum(1 << k for k, is_open in enumerate(valves) if is_open)
     age = OLD if age_s is None else min(OLD, round(age_s * AGE_STEPS_PER_S))
@@ -30,12 +30,12 @@ def encode_tpdo1(
 
 @dataclass(slots=True, kw_only=True)
 class ThrusterNode(JointNode):
-    """Network state of one valve driver; services beside its PDO are those of a joint node."""
+    """Network state of one valve driver; all services except the PDO are as in a joint node."""
 
     look: Callable[[], tuple[list[bool], float | None, int]]  # arguments of `encode_tpdo1`
 
     def on_sync(self, counter: int, _reading: Reading, _t_us: int) -> tuple[bytes, ...]:
-        """Return the PDO this SYNC triggers: none, or TPDO1."""
+        """Return the PDO that this SYNC triggers: none or TPDO1."""
         if not self._reports():
             return ()
         return (encode_tpdo1(*self.look(), STATUS_GOOD | self.status_extra, counter),)

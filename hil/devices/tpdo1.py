@@ -1,4 +1,4 @@
-"""TPDO1, classic and CAN FD: its form, and fields of a frame read and written again."""
+"""TPDO1 of joint nodes, classic and CAN FD: layout, and access to fields of a frame."""
 
 import struct
 from collections.abc import Mapping
@@ -9,22 +9,22 @@ Field = Literal["position", "torque", "status", "counter"]
 
 
 def clamp(value: float, bits: int) -> int:
-    """Round to the nearest integer a signed field of `bits` can hold."""
+    """Return the nearest integer that a signed field of `bits` bits can hold."""
     top = 2 ** (bits - 1) - 1
     return int(max(-top - 1, min(top, round(value))))
 
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """One form of the frame."""
+    """Layout of one form of the frame."""
 
     form: struct.Struct
-    places: dict[Field, int]  # among the unpacked values
+    places: dict[Field, int]  # index among the unpacked values
     torque_bits: int
     counts_per_nm: float
 
     def read(self, data: bytes, name: Field) -> int:
-        """Return a raw field."""
+        """Return the raw value of a field."""
         return int(self.form.unpack(data)[self.places[name]])
 
     def written(self, data: bytes, fields: Mapping[Field, float]) -> bytes:
@@ -45,5 +45,5 @@ FD = Layout(
 
 
 def layout(data: bytes) -> Layout | None:
-    """Return the form of a frame; None of one that is not whole."""
+    """Return the layout of a frame by its length; None for another length."""
     return next((form for form in (CLASSIC, FD) if len(data) == form.form.size), None)

@@ -1,4 +1,4 @@
-"""Truth time on the host's clock, and the history looked up at single instants quickly."""
+"""Truth time on the host's clock, and fast evaluation of the truth at single instants."""
 
 from dataclasses import dataclass
 
@@ -7,37 +7,37 @@ from numpy.typing import NDArray
 
 from hil.devices.truth_port import FloatArray, History, State
 
-REST_S = -1.0  # any time before the motion: the robot rests
+REST_S = -1.0  # a time before the motion, at which the robot rests
 GRID_S = 1e-3
 GRID_POINTS = 256
-SPAN_S = 0.2  # looked up at once
+SPAN_S = 0.2  # longest span of times in one call of JointTable.at
 
 
 @dataclass(slots=True)
 class TruthClock:
-    """Truth time zero on the host's clock; unknown until the first SYNC, and at rest until then."""
+    """Truth time on the host's clock; until the first SYNC all times are REST_S."""
 
     start_delay_s: float
     origin_ns: int | None = None
 
     def start(self, first_sync_ns: int) -> None:
-        """Fix the origin by the first SYNC; later calls change nothing."""
+        """Set the origin from the first SYNC; later calls change nothing."""
         if self.origin_ns is None:
             self.origin_ns = first_sync_ns + round(self.start_delay_s * 1e9)
 
     def seconds(self, t_ns: NDArray[np.int64]) -> FloatArray:
-        """Return truth times [s]."""
+        """Return the truth times [s] of host times (k,) [ns]."""
         if self.origin_ns is None:
             return np.full(len(t_ns), REST_S)
         return np.asarray((t_ns - self.origin_ns) * 1e-9, dtype=np.float64)
 
     def second(self, t_ns: int) -> float:
-        """Return one truth time [s]."""
+        """Return the truth time [s] of one host time [ns]."""
         return REST_S if self.origin_ns is None else (t_ns - self.origin_ns) * 1e-9
 
 
 class ClampedHistory:
-    """A history continued at rest before its start and after its end."""
+    """A history that keeps its first state before the start and its last after the end."""
 
     def __init__(self, history: History) -> None:
         self._history = history
@@ -52,10 +52,10 @@ class ClampedHistory:
 
 
 class JointTable:
-    """Joint positions, velocities and torques between the points of a 1 ms grid.
+    """Joint positions, velocities and torques, interpolated on a 1 ms grid.
 
-    Four-point Lagrange interpolation: error below 3e-14 s^4 times the fourth derivative, which is
-    under 1e-10 rad and N m for any motion a space arm makes. The grid is filled in batches.
+    The error of four-point Lagrange interpolation is below 3e-14 s^4 times the fourth derivative,
+    below 1e-10 rad and N m for the motions of a space arm. The grid is filled in batches.
     """
 
     def __init__(self, history: ClampedHistory) -> None:

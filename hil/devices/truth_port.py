@@ -1,6 +1,6 @@
 """The devices' view of the truth: its state as a function of time.
 
-Frames: N inertial, B base body; `R_NB` takes B components to N. SI units.
+Frames: N inertial, B base body; `R_NB` maps B components to N. SI units.
 """
 
 from typing import Protocol
@@ -12,7 +12,7 @@ FloatArray = NDArray[np.float64]
 
 
 class State(Protocol):
-    """Truth at one instant (or stacked along a leading axis)."""
+    """Truth at one instant, or at several along a leading axis."""
 
     @property
     def q(self) -> FloatArray:
@@ -31,22 +31,22 @@ class State(Protocol):
 
     @property
     def R_NB(self) -> FloatArray:  # noqa: N802
-        """Attitude."""
+        """Attitude, rotation matrix."""
         ...
 
     @property
     def w_NB_B(self) -> FloatArray:  # noqa: N802
-        """Angular velocity [rad/s]."""
+        """Angular velocity of B, base axes [rad/s]."""
         ...
 
     @property
     def wd_NB_B(self) -> FloatArray:  # noqa: N802
-        """Angular acceleration [rad/s^2]."""
+        """Angular acceleration of B, base axes [rad/s^2]."""
         ...
 
     @property
     def a_NB_B(self) -> FloatArray:  # noqa: N802
-        """Classical acceleration of the base origin [m/s^2]."""
+        """Classical acceleration of the base origin, base axes [m/s^2]."""
         ...
 
     @property
@@ -61,20 +61,20 @@ class State(Protocol):
 
 
 class History(Protocol):
-    """Simulated truth as a function of time, over [start_s, end_s]; at rest at both ends."""
+    """Simulated truth as a function of time over [start_s, end_s]."""
 
     @property
     def start_s(self) -> float:
-        """First time."""
+        """First time [s]."""
         ...
 
     @property
     def end_s(self) -> float:
-        """Last time."""
+        """Last time [s]."""
         ...
 
     def at(self, t_s: ArrayLike) -> State:
-        """Return the state at the times."""
+        """Return the state at the times [s]."""
         ...
 
     def wheels_at(self, t_s: float) -> tuple[FloatArray, FloatArray]:

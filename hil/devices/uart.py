@@ -1,4 +1,4 @@
-"""A serial line: when each byte has crossed, and in which pieces the host gets them."""
+"""A serial line: the time of each byte, and the chunks in which the host receives bytes."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -16,9 +16,9 @@ MEAN_GAP_NS = 1_500_000.0
 class SerialLine:
     """Device-to-host direction of one line, 8N1.
 
-    Chunkings: `datagram` hands each transmission over as its last byte ends; `ms1` hands over what
-    has crossed at each 1 ms frame of a clock up to `clock_ppm` off; `random` cuts at random
-    instants, anywhere in a datagram. None is earlier than the wire.
+    Chunkings: `datagram` delivers a transmission when its last byte ends; `ms1` delivers at every
+    1 ms of a clock with an error of at most `clock_ppm`; `random` delivers at random instants,
+    anywhere in a datagram. No byte is delivered before it has ended on the wire.
     """
 
     def __init__(
@@ -41,11 +41,11 @@ class SerialLine:
         self.busy_until_ns = t0_ns
 
     def duration_ns(self, count: int) -> int:
-        """Return the time `count` bytes take to cross."""
+        """Return the time that `count` bytes need on the wire [ns]."""
         return round(count * self.byte_ns)
 
     def send(self, starts_ns: Sequence[int], blocks: Sequence[bytes]) -> None:
-        """Transmit blocks whose first bits start at the times (in order, not overlapping)."""
+        """Transmit blocks whose first bits start at `starts_ns` (in order, not overlapping)."""
         ends = [
             start + self.duration_ns(len(b)) for start, b in zip(starts_ns, blocks, strict=True)
         ]
@@ -61,7 +61,7 @@ class SerialLine:
         self._bytes.extend(blocks)
 
     def complete(self, until_ns: int) -> None:
-        """Declare that no byte ending at or before the time will still be sent: cut chunks."""
+        """Make the chunks up to `until_ns`; no later `send` may have a byte that ends before."""
         if self._chunking == "datagram" or not self._bytes:
             return
         times, data = np.concatenate(self._times), b"".join(self._bytes)
@@ -78,7 +78,7 @@ class SerialLine:
         self._bytes = [data[done:]] if left else []
 
     def _cut_at(self, t_ns: int) -> int:
-        """Return the first hand-over instant at or after the time."""
+        """Return the first delivery time at or after `t_ns`."""
         while self._cuts and self._cuts[0] < t_ns:
             self._cuts.popleft()
         while not self._cuts:
@@ -89,13 +89,13 @@ class SerialLine:
         return max(t_ns, self._cuts[0])
 
     def next_ns(self) -> int | None:
-        """Return when the next known chunk is handed over."""
+        """Return the delivery time of the next known chunk [ns]; None if no byte waits."""
         if self._ready:
             return self._ready[0][0]
         return self._cut_at(int(self._times[0][0])) if self._times else None
 
     def take(self, until_ns: int) -> list[TimedBytes]:
-        """Return the chunks handed over up to the time."""
+        """Return the chunks delivered by this time, with their delivery times [ns]."""
         chunks = []
         while self._ready and self._ready[0][0] <= until_ns:
             chunks.append(self._ready.popleft())

@@ -1,4 +1,4 @@
-"""A reaction wheel node: its wire format and its state; written from the ICD alone."""
+"""A reaction wheel node: wire format and state. Source: the ICD, independent of the decoder."""
 
 import math
 import struct
@@ -10,7 +10,7 @@ from hil.devices.canopen import STATUS_GOOD, JointNode, Reading
 COUNTS_PER_RAD_S = 2**24 / (2.0 * math.pi)
 COUNTS_PER_NM = 1e4
 TPDO1 = struct.Struct("<ihBB")
-TPDO2_PERIOD = 10  # reports
+TPDO2_PERIOD = 10  # reports per TPDO2
 TEMPERATURE_DEGC = 25
 NO_JOINT = Reading(0, 0, 0, 0, False)
 
@@ -32,13 +32,13 @@ def _within(count: int, bits: int) -> int:
 
 @dataclass(slots=True, kw_only=True)
 class WheelNode(JointNode):
-    """Network state of one wheel node; services beside its PDOs are those of a joint node."""
+    """Network state of one wheel node; all services except the PDOs are as in a joint node."""
 
-    measure: Callable[[], tuple[float, float]]  # speed [rad/s] and motor torque [N m] as latched
+    measure: Callable[[], tuple[float, float]]  # speed [rad/s], motor torque [N m] at the latch
     _sent: int = 0
 
     def on_sync(self, counter: int, _reading: Reading, _t_us: int) -> tuple[bytes, ...]:
-        """Return the PDOs this SYNC triggers: none, TPDO1, or TPDO1 and TPDO2."""
+        """Return the PDOs that this SYNC triggers: none, TPDO1, or TPDO1 and TPDO2."""
         if not self._reports():
             return ()
         self._sent += 1

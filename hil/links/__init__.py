@@ -1,1 +1,1 @@
-"""Links: the far ends of the daemon's ports, in virtual time."""
+"""Links: the ends of the daemon's ports in virtual time, and their clock."""

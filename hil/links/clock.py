@@ -1,4 +1,4 @@
-"""Simulated monotonic time: it passes only in sleeps, and serial arrivals end a sleep early."""
+"""Simulated monotonic time, which passes only in sleeps; serial arrivals end a sleep early."""
 
 from collections.abc import Callable, Sequence
 
@@ -8,8 +8,8 @@ import numpy as np
 class SimClock:
     """The flight software's clock port, in virtual time.
 
-    A descriptor is a number that `register` returns for a function that says when its link is next
-    readable. A wake comes a little after its cause: exponential, `wake_latency_s` on average.
+    `register` returns a descriptor for a function that returns when a link is next readable. A
+    wake-up follows its cause after an exponential delay, `wake_latency_s` on average.
     """
 
     def __init__(self, t0_ns: int, rng: np.random.Generator, wake_latency_s: float) -> None:
@@ -19,7 +19,7 @@ class SimClock:
         self._sources: dict[int, Callable[[], int | None]] = {}
 
     def register(self, next_ns: Callable[[], int | None]) -> int:
-        """Return a descriptor for a link that is next readable when `next_ns` says."""
+        """Return a descriptor of a link that is next readable at `next_ns()` (None: never)."""
         descriptor = 1000 + len(self._sources)
         self._sources[descriptor] = next_ns
         return descriptor
@@ -33,11 +33,11 @@ class SimClock:
         return 0
 
     def sleep_until_ns(self, deadline_ns: int, wake_fds: Sequence[int] = ()) -> bool:
-        """Pass time to the deadline, or to just after the first arrival on a descriptor.
+        """Advance the time to the deadline, or to just after the first arrival on a descriptor.
 
         Returns
         -------
-        True when the deadline has come, False when a descriptor woke the caller early.
+        True if the deadline is reached, False if an arrival ended the sleep early.
         """
         if deadline_ns <= self._now_ns:
             return True

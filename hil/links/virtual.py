@@ -1,4 +1,4 @@
-"""In-memory ends of the links: the flight software's port protocols on a plant in virtual time."""
+"""Ports of the flight software in memory, connected to a plant in virtual time."""
 
 from __future__ import annotations
 
@@ -45,19 +45,19 @@ class VirtualCan:
     """A CAN port. `tap` may drop, change, delay or add frames on their way to the host.
 
     `host_tap` may do so with each frame of the host on its way to the nodes. Within `lost_ns` the
-    port fails as if its device were gone.
+    port raises PortError, as if its device were unplugged.
 
-    Frames are stamped when read, or by their end on the bus, like a kernel does, where the plant
-    produces SYNC: then its stamp is the joints' time of validity.
+    A frame's stamp is the time of the read. If the plant produces SYNC, the stamp is the frame's
+    end on the bus, as from a kernel, because SYNC is then the joints' time of validity.
     """
 
     hands_back = False
 
     def __init__(self, plant: Plant, clock: SimClock, bus: str, line: int = 0) -> None:
-        """`line` 1 is the redundant bus of a pair."""
+        """Connect the port; `line` 1 is the redundant bus of a pair."""
         self._producer = plant.sync_producer(clock.now_ns())
         self.tap: FrameTap = _pass_frames
-        self.outages_ns: list[tuple[int, int]] = []  # [from, to): nothing passes, nobody is told
+        self.outages_ns: list[tuple[int, int]] = []  # [from, to): frames are lost without an error
         self.bus, self.line = bus, line
         self.host_tap: HostTap = _pass_host
         self.lost_ns = (0, 0)
@@ -77,7 +77,7 @@ class VirtualCan:
         return any(start <= now_ns < stop for start, stop in self.outages_ns)
 
     def drain(self) -> None:
-        """Take the frames whose end on the bus has come, stamped now."""
+        """Read the frames that have ended on the bus, for the next `take`."""
         now_ns = self._clock.now_ns()
         self.open()
         self._deliver(self._plant.frames_until(now_ns, self.bus, self.line))
@@ -93,12 +93,12 @@ class VirtualCan:
             rows.append(row_of(stamp_ns, word, data, FD_FDF | FD_BRS if is_fd else 0))
 
     def take(self) -> Callable[[], FrameArray]:
-        """Take over the frames drained since the last call."""
+        """Return a function that returns the frames drained since the last call."""
         rows, self._drained = self._drained, []
         return lambda: rows_of(b"".join(rows)).copy()
 
     def write(self, can_id: int, data: bytes) -> CanFrame:
-        """Send a frame; the nodes' answers queue up."""
+        """Send a frame, queue the nodes' answers, and return the frame as sent."""
         now_ns = self._clock.now_ns()
         self.open()
         for t_ns, received_id, received, _ in self.host_tap((now_ns, can_id, data, False)):
@@ -106,26 +106,26 @@ class VirtualCan:
         return CanFrame(now_ns, can_id, data)
 
     def command(self, t_ns: int, can_id: int, data: bytes) -> None:
-        """Let the nodes receive a frame of any sender."""
+        """Give a frame of any sender to the nodes at `t_ns`; queue the answers."""
         if not self._is_cut():
             self._deliver(self._plant.on_frame(t_ns, can_id, data, self.bus, self.line))
 
     def open(self) -> VirtualCan:
-        """Return the port; PortError while its device is gone."""
+        """Return the port. Raises PortError within `lost_ns`."""
         if self.lost_ns[0] <= self._clock.now_ns() < self.lost_ns[1]:
             raise PortError(f"{self.bus}: no such device")
         return self
 
     def take_dropped(self) -> int:
-        """Return 0: the queue is boundless."""
+        """Return 0, because the queue has no bound."""
         return 0
 
     def inject(self, frame: TimedFrame) -> None:
-        """Put a frame on the bus that no node sent, bypassing the tap."""
+        """Queue a frame that no node sent, without the tap."""
         heapq.heappush(self._queue, (frame[0], next(self._order), frame))
 
     def wake_fds(self) -> tuple[int, ...]:
-        """Return no descriptor: frames wait for the tick."""
+        """Return no descriptor, because frames wait for the tick."""
         return ()
 
     def close(self) -> None:
@@ -168,7 +168,7 @@ class VirtualSerial:
         self._plant.write_serial(self._clock.now_ns(), self.device, data)
 
     def open(self) -> VirtualSerial:
-        """Return the port; PortError while its device is gone."""
+        """Return the port. Raises PortError within `lost_ns`."""
         if self.lost_ns[0] <= self._clock.now_ns() < self.lost_ns[1]:
             raise PortError(f"{self.device}: no such device")
         return self
