@@ -1,1 +1,1 @@
-"""Faults: errors put into links and devices."""
+"""Faults: errors that are inserted in links and devices."""

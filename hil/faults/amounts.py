@@ -1,4 +1,4 @@
-"""By how much a fault of a script changes what a sensor measures, at its place."""
+"""Changes of a measured value; each function returns a map from a fault's place to a change."""
 
 from collections.abc import Callable
 
@@ -7,20 +7,20 @@ from hil.faults.place import Place
 
 
 def drift(rate: float) -> Callable[[Place], values.Change]:
-    """Return a drift of so much per second since the fault began."""
+    """Return a drift per second since the start of the fault; `rate` is the default."""
     return lambda place: values.drifting(place.size(rate), place.window_ns[0])
 
 
 def shift(offset: float) -> Callable[[Place], values.Change]:
-    """Return a shift by an offset."""
+    """Return a shift by an offset; `offset` is the default."""
     return lambda place: values.shifted(place.size(offset))
 
 
 def scale(ratio: float) -> Callable[[Place], values.Change]:
-    """Return a wrong scale."""
+    """Return a multiplication by a ratio; `ratio` is the default."""
     return lambda place: values.scaled(place.size(ratio))
 
 
 def stuck(_place: Place) -> values.Change:
-    """Return the first value seen, for ever."""
+    """Return a change that repeats the first value."""
     return values.Stuck()

@@ -1,4 +1,4 @@
-"""Faults of a bus, its nodes and their sensors, by name, on the CAN link of a virtual bench."""
+"""Faults by name of a bus, the nodes and the joint sensors, on a virtual bench's CAN link."""
 
 from collections.abc import Callable, Mapping, Sequence
 
@@ -14,8 +14,8 @@ STRANGER = 0x2A
 MS = 1_000_000
 ERROR_BUS = 0x088  # protocol violation, bus error
 ERROR_BUS_OFF, ERROR_RESTARTED = 0x040, 0x100
-FULL_SCALE = 2**31 - 1  # the nearest that the frame holds
-NO_TORQUE = 0x08  # status: the encoder is valid, the torque is not
+FULL_SCALE = 2**31 - 1  # largest value; clamped to the field
+NO_TORQUE = 0x08  # status: encoder valid, torque invalid
 
 
 def _frame(action: FrameAction, instead: FrameAction, rate: float = 1.0, *, rest: int = 0) -> Type:
@@ -66,7 +66,7 @@ def _frame_delay(place: Place) -> None:
 
 
 def _bus_errors(place: Place) -> None:
-    """Turn frames damaged on the bus into an error frame and the frame sent again."""
+    """Replace frames, as if damaged on the bus, by an error frame and a repetition."""
 
     def spoil(frame: TimedFrame, _rng: object) -> list[TimedFrame]:
         error = (frame[0], ERR_FLAG | ERROR_BUS, bytes(8), False)
@@ -83,7 +83,7 @@ def _wrong_node(place: Place) -> None:
 
 
 def _strike_syncs(place: Place, action: faults.FrameAction, rate: float) -> None:
-    """Let some of the host's SYNCs be changed on their way to the nodes."""
+    """Change some of the host's SYNCs on their way to the nodes."""
     struck = Struck(
         action,
         place.entry.rate or rate,
@@ -97,12 +97,12 @@ def _strike_syncs(place: Place, action: faults.FrameAction, rate: float) -> None
 
 
 def _sync_lost(place: Place) -> None:
-    """Let the nodes miss a SYNC now and then; the host does not know."""
+    """Drop some SYNCs on their way to the nodes, without an error for the host."""
     _strike_syncs(place, faults.drop, 0.01)
 
 
 def _sync_doubled(place: Place) -> None:
-    """Repeat the host's SYNC half a period later, as another producer would."""
+    """Repeat some of the host's SYNCs 1 ms later, like a second producer."""
 
     def twice(frame: TimedFrame, _rng: object) -> list[TimedFrame]:
         again = (frame[0] + MS, *frame[1:])
@@ -113,14 +113,14 @@ def _sync_doubled(place: Place) -> None:
 
 
 def _cut(place: Place) -> None:
-    """Let nothing of the bus arrive: a broken cable."""
+    """Drop every frame to the host, like a broken cable."""
     place.can(faults.drop, faults.drop, 1.0, lambda _frame: True)
 
 
 def _bus_off(place: Place) -> None:
     first, last = place.window_ns
     _cut(place)
-    place.struck.clear()  # the error frame comes first
+    place.struck.clear()  # the error frame is the fault's first effect
     if not place.reference:
         place.world.can.inject((first, ERR_FLAG | ERROR_BUS_OFF, bytes(8), False))
         place.world.can.inject((last, ERR_FLAG | ERROR_RESTARTED, bytes(8), False))
@@ -135,7 +135,7 @@ def _babble(place: Place) -> None:
 
 
 def _node_reset(place: Place) -> None:
-    """Restart a node by itself; until NMT starts it again it is silent."""
+    """Reset one node; the node is silent until an NMT command starts it."""
     first, _ = place.window_ns
     if place.reference:
         place.can_within((first, first + 8 * MS), faults.drop, faults.drop)

@@ -1,4 +1,4 @@
-"""Where one fault of a script goes: a virtual bench, a window of time, a seed."""
+"""The place of one fault of a script: a virtual bench, a time window and a seed."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -15,7 +15,7 @@ NODE = 0x13
 
 @dataclass(slots=True)
 class Place:
-    """Where one fault goes."""
+    """Place of one fault; `reference` applies the action `instead` in place of the fault."""
 
     entry: FaultEntry
     world: VirtualBench
@@ -23,36 +23,36 @@ class Place:
     reference: bool
     start_ns: int
     struck: list[Struck[Any]] = field(default_factory=list)
-    returned_ns: int = 0  # when the device is itself again
+    returned_ns: int = 0  # time when the device works again
 
     def __post_init__(self) -> None:
-        """By default at the end of the window."""
+        """Set `returned_ns` to the end of the window."""
         self.returned_ns = self.window_ns[1]
 
     @property
     def began_ns(self) -> int:
-        """When the fault first did something."""
+        """Time of the fault's first effect [ns]."""
         struck = [s.first_ns for s in self.struck if s.first_ns is not None]
         return min(struck, default=self.window_ns[0])
 
     @property
     def window_ns(self) -> tuple[int, int]:
-        """From and to on the bench's clock."""
+        """Start and end on the bench's clock [ns]."""
         first = self.start_ns + round(self.entry.at_s * 1e9)
         return first, first + round(self.entry.for_s * 1e9)
 
     def size(self, default: float) -> float:
-        """Return how much."""
+        """Return the fault's size, or the default if the entry has none."""
         return default if self.entry.size is None else self.entry.size
 
     @property
     def node(self) -> int:
-        """The node in question."""
+        """Identifier of the affected node."""
         return self.entry.node_id or NODE
 
     @property
     def answers(self) -> Callable[[TimedFrame], bool]:
-        """Whether a frame is the node's sample."""
+        """Function that returns whether a frame is the node's TPDO1."""
         can_id = faults.TPDO1_ID + self.node
         return lambda frame: frame[1] == can_id
 
@@ -65,7 +65,7 @@ class Place:
         *,
         rest: int = 0,
     ) -> Struck[TimedFrame]:
-        """Strike frames on their way to the host."""
+        """Apply the action to frames on their way to the host; `rate` is the default share."""
         return self.can_within(self.window_ns, action, instead, rate, only, rest=rest)
 
     def can_within(
@@ -78,7 +78,7 @@ class Place:
         *,
         rest: int = 0,
     ) -> Struck[TimedFrame]:
-        """Strike frames within another window."""
+        """Apply the action to frames within the window `window_ns`."""
         struck = Struck(
             instead if self.reference else action,
             self.entry.rate or rate,
@@ -92,7 +92,7 @@ class Place:
         return struck
 
     def serial(self, device: str) -> VirtualSerial:
-        """Return the line of the device."""
+        """Return the serial line of the entry's device, or of `device` if the entry has none."""
         return self.world.serials[self.entry.device or device]
 
     def line(
@@ -105,7 +105,7 @@ class Place:
         until_ns: int | None = None,
         rest: int = 0,
     ) -> None:
-        """Strike transmissions of a serial device."""
+        """Apply the action to transmissions of a serial device; `until_ns` None: window end."""
         first, last = self.window_ns
         struck = Struck(
             instead if self.reference else action,

@@ -1,6 +1,6 @@
-"""Faults of a real SocketCAN link, for runs below `hil vcan`: error frames, babble, a link down.
+"""Faults of a real SocketCAN link, for runs in `hil vcan`: error frames, babble, a link down.
 
-The virtual links have their own taps (`hil.faults.taps`); these act on the kernel's.
+They act on links of the kernel; virtual links have the taps of `hil.faults.taps`.
 """
 
 import fcntl
@@ -19,14 +19,14 @@ import numpy as np
 
 BABBLE_STREAM = 0xBAB
 BABBLE_FRAMES, BABBLE_PAUSE_S = 256, 0.005
-CAN_FRAME = struct.Struct("=IB3x8s")  # of linux/can.h
+CAN_FRAME = struct.Struct("=IB3x8s")  # layout of linux/can.h
 POLL_S = 0.05
 SIOCGIFFLAGS, SIOCSIFFLAGS, IFF_UP = 0x8913, 0x8914, 1  # netdevice(7)
 IFNAMSIZ, IFREQ_BYTES = 16, 40
 
 
 class ErrorKind(Enum):
-    """Error frames as a controller's driver sends them: class bits, data (linux/can/error.h)."""
+    """Error frames of a CAN controller's driver: class bits and data (linux/can/error.h)."""
 
     BUS_OFF = (0x040, "0000000000000000")
     RESTARTED = (0x100, "0000000000000000")
@@ -40,7 +40,7 @@ class ErrorKind(Enum):
 
 
 def inject(channel: str, *kinds: ErrorKind) -> None:
-    """Send error frames on a virtual link, where every listener takes them for its controller's."""
+    """Send error frames on a link; listeners accept them as frames of their own controller."""
     with can.Bus(interface="socketcan", channel=channel) as bus:
         for kind in kinds:
             classes, data = kind.value
@@ -51,8 +51,8 @@ def inject(channel: str, *kinds: ErrorKind) -> None:
 
 
 def set_link(channel: str, *, up: bool) -> None:
-    """Bring a link up or down; down, every socket on it fails with ENETDOWN."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ends:  # at once, without a program
+    """Set a link up or down; while it is down, every socket on it fails with ENETDOWN."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ends:  # faster than the program `ip`
         request = channel.encode().ljust(IFNAMSIZ, b"\0")
         held = fcntl.ioctl(ends, SIOCGIFFLAGS, request + bytes(IFREQ_BYTES - IFNAMSIZ))
         (flags,) = struct.unpack_from("=H", held, IFNAMSIZ)
@@ -72,10 +72,10 @@ class Babble:
         self.sent = 0
 
     def run(self) -> None:
-        """Send until it is stopped.
+        """Send frames until `stop` is called.
 
-        The frames are made before, and all that are due are sent at once: a slow processor that
-        others need too does not slow the babble down.
+        The frames are made in advance, and all due frames are sent at once, so that a busy
+        processor does not reduce the rate.
         """
         frames = [self._frame() for _ in range(BABBLE_FRAMES)]
         with socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW) as link:
@@ -97,7 +97,7 @@ class Babble:
 
 
 class Echo:
-    """A repeater gone wrong: some of the frames of one identifier come a second time."""
+    """A faulty repeater that sends some of the frames of one identifier a second time."""
 
     def __init__(self, channel: str, can_id: int, later_s: float, ratio: float, seed: int) -> None:
         self._channel, self._can_id = channel, can_id
@@ -108,7 +108,7 @@ class Echo:
         self.sent = 0
 
     def run(self) -> None:
-        """Repeat until it is stopped."""
+        """Repeat frames until `stop` is called."""
         only = [{"can_id": self._can_id, "can_mask": 0x7FF}]
         with can.Bus(interface="socketcan", channel=self._channel, can_filters=only) as bus:
             while not self._stop.is_set():
@@ -126,7 +126,7 @@ class Echo:
 
 @contextmanager
 def running(disturbance: Babble | Echo) -> Iterator[None]:
-    """Run a disturbance beside what the block does; what stopped it early is raised."""
+    """Run a disturbance in a thread during the block; raise the error that ended it early."""
     with ThreadPoolExecutor(1, "disturbance") as pool:
         ended = pool.submit(disturbance.run)
         try:
@@ -138,7 +138,7 @@ def running(disturbance: Babble | Echo) -> Iterator[None]:
 
 @contextmanager
 def cable(*ends: str) -> Iterator[None]:
-    """Lay a cable between two links of these names, both up: what one sends the other receives."""
+    """Make two connected links with these names, both up; each receives the other's frames."""
     near, far = ends
     words = ["ip", "link", "add", "dev", near, "type", "vxcan", "peer", "name", far]
     subprocess.run(words, check=True)
@@ -158,7 +158,7 @@ def send(channel: str, can_id: int, data: bytes) -> None:
 
 @contextmanager
 def babbling(channel: str, can_id: int, rate_hz: float, seed: int) -> Iterator[Babble]:
-    """Let a node babble beside what the block does."""
+    """Run a babbling node in a thread during the block."""
     babble = Babble(channel, can_id, rate_hz, seed)
     with running(babble):
         yield babble

@@ -1,8 +1,8 @@
-"""Faults by name, as a scenario's `faults:` lists them, put onto the links of a virtual bench.
+"""Faults by name, from a scenario's section `faults`, installed on a virtual bench's links.
 
-`install(..., reference=True)` puts in place of each fault what it truly takes away: the samples
-that are gone, or the values of them that a sensor at fault cannot have measured. What a run with a
-fault is held against is a run with the reference.
+`install(..., reference=True)` installs the reference of each fault: it only removes the samples
+that the fault loses, or marks values invalid that a faulty sensor cannot measure. A run with a
+fault is compared with a run with the reference.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,13 +24,13 @@ def install(
     *,
     reference: bool = False,
 ) -> list[Place]:
-    """Put faults onto a bench that was powered on at the start; return where they went.
+    """Install faults on a bench that was powered on at `start_ns`; return their places.
 
-    They may be put on at any time before the first of them begins.
+    Call this at any time before the first fault begins.
 
     Raises
     ------
-    ScenarioError for a type that does not exist.
+    ScenarioError for an unknown type.
     """
     places = []
     for index, entry in enumerate(entries):

@@ -1,4 +1,4 @@
-"""Faults of the serial devices and their sensors, by name, on the lines of a virtual bench."""
+"""Faults by name of the serial devices and sensors, on the serial lines of a virtual bench."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -9,7 +9,7 @@ from hil.faults import taps as faults
 from hil.faults.place import Place, Type
 from hil.faults.taps import ByteAction, Struck, chain
 
-INTEGRITY, START_UP, OVERLOAD = 0x80, 0x40, 0x10  # of a cluster of the inertial unit
+INTEGRITY, START_UP, OVERLOAD = 0x80, 0x40, 0x10  # status bits of an IMU cluster
 RESTART_S = 0.3  # start-up of an inertial unit after power-on
 
 
@@ -58,7 +58,7 @@ def _port_lost(device: str) -> Type:
         name = place.entry.device or device
         first, last = place.window_ns
         if place.reference:
-            # the port is opened again with backoff, up to half a second after the device's return
+            # the daemon reopens the port with backoff, up to 0.5 s after the device's return
             if name == "arm":
                 place.can(faults.drop, faults.drop, 1.0, lambda _frame: True)
             else:
@@ -71,7 +71,7 @@ def _port_lost(device: str) -> Type:
 
 
 def _imu_power(place: Place) -> None:
-    """Make it silent, then starting up, with a counter that began again."""
+    """Silence the unit for the window, then send start-up flags and a changed counter."""
     _, last = place.window_ns
     place.returned_ns = up_ns = last + round(RESTART_S * 1e9)
     if place.reference:

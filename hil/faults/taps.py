@@ -1,10 +1,10 @@
 """Faults of the links: seeded, composable taps for virtual links, and edits of recorded traffic.
 
-An action takes one item on its way to the host (one transmission of a serial device, or one CAN
-frame) and returns the items that come instead. `Struck` applies an action to randomly chosen items;
-`chain` puts taps behind one another. Every random draw belongs to one item, so what happens does
-not depend on how the items are batched. Serial actions want one transmission per chunk (the
-devices' `datagram` chunking); `Regrouped` behind them gives the host other chunks.
+An action maps one item on its way to the host (one transmission of a serial device, or one CAN
+frame) to the items that replace it. `Struck` applies an action to randomly chosen items; `chain`
+connects taps in series. Every random draw belongs to one item, so the result does not depend on
+how the items are batched. Serial actions need one transmission per chunk (the devices' chunking
+`datagram`); a `Regrouped` after them gives the host other chunks.
 """
 
 import struct
@@ -29,19 +29,19 @@ ByteAction = Callable[[TimedBytes, np.random.Generator], Sequence[TimedBytes]]
 FAULT_STREAM = 0xFA  # spawn key of a fault's draws, apart from every device's
 FOREVER_NS = 1 << 62
 TPDO1_ID, NODE_MASK = 0x180, 0x7F
-SYNC_BYTES = b"\xa5\xc0\xdb\x75\x90"  # what a frame may begin with, so that junk looks like one
+SYNC_BYTES = b"\xa5\xc0\xdb\x75\x90"  # first bytes of frames, so that junk resembles frames
 
 
 class Struck(Generic[Item]):
-    """Tap that applies an action to a share of the items.
+    """Tap that applies an action to a random share of the candidate items.
 
     Parameters
     ----------
-    rate : probability of an item to be struck
-    seed : fixes which, and what happens to them
-    only : which items are in question; None: all
-    window_ns : [from, to) of the items in question
-    rest : so many items in question behind a struck one are left alone
+    rate : probability that a candidate is struck
+    seed : fixes which items are struck, and the action's random draws
+    only : function that returns whether an item is a candidate; None: all items are
+    window_ns : [from, to) of the candidates' times
+    rest : number of candidates after a struck item that are not struck
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class Struck(Generic[Item]):
         rest: int = 0,
     ) -> None:
         self.count = 0
-        self.first_ns: int | None = None  # of the items struck
+        self.first_ns: int | None = None  # time of the first struck item
         self.last_ns: int | None = None
         self._rest, self._resting = rest, 0
         self._action: Action[Item] = action
@@ -65,7 +65,7 @@ class Struck(Generic[Item]):
         self._chance, self._rng = (np.random.default_rng(s) for s in sequence.spawn(2))
 
     def __call__(self, items: Sequence[Item]) -> list[Item]:
-        """Return the items that come instead."""
+        """Return the items after the tap."""
         out: list[Item] = []
         for item in items:
             first, last = self._window
@@ -95,14 +95,14 @@ def chain(*taps: Tap[Item]) -> Tap[Item]:
 
 
 class Regrouped:
-    """Byte tap: what comes within one period is handed over together at its end."""
+    """Byte tap that joins the chunks of one period and delivers them at its end."""
 
     def __init__(self, period_ns: int) -> None:
         self._period_ns = period_ns
         self._held: list[TimedBytes] = []
 
     def __call__(self, items: Sequence[TimedBytes]) -> list[TimedBytes]:
-        """Return the chunks of the periods known to be over; hold the rest."""
+        """Return the chunks of periods that are over; keep the others."""
         period = self._period_ns
         self._held += [(-(-t_ns // period) * period, data) for t_ns, data in items]
         newest = self._held[-1][0] if self._held else 0
@@ -115,7 +115,7 @@ class Regrouped:
 
 
 def drop(_item: Item, _rng: np.random.Generator) -> list[Item]:
-    """Lose the item; over a window at rate 1 this is a silent device."""
+    """Drop the item; with rate 1 this is a silent device."""
     return []
 
 
@@ -125,7 +125,7 @@ def duplicate(item: Item, _rng: np.random.Generator) -> list[Item]:
 
 
 def delay(delay_ns: int) -> Action[Item]:
-    """Return the action that makes an item come later."""
+    """Return the action that delivers an item `delay_ns` later."""
 
     def late(item: Item, _rng: np.random.Generator) -> list[Item]:
         return [(item[0] + delay_ns, *item[1:])]
@@ -139,7 +139,7 @@ def keep(item: Item, _rng: np.random.Generator) -> list[Item]:
 
 
 class Delayed(Generic[Item]):
-    """Action that makes items later by a delay and a random part of a jitter, never overtaking."""
+    """Action that delays items by a delay plus random jitter and keeps their order."""
 
     def __init__(self, delay_ns: int, jitter_ns: int = 0) -> None:
         self._delay_ns, self._jitter_ns = delay_ns, jitter_ns
@@ -152,13 +152,13 @@ class Delayed(Generic[Item]):
         return [(self._newest_ns, *item[1:])]
 
     def follow(self, item: Item, _rng: np.random.Generator) -> list[Item]:
-        """Deliver an item after the delay, not before those it held back."""
+        """Deliver an undelayed item, but not before the delayed items."""
         self._newest_ns = max(self._newest_ns, item[0])
         return [(self._newest_ns, *item[1:])]
 
 
 class Overtaken:
-    """Frame tap: a struck frame of a node comes right behind the node's next one."""
+    """Frame tap that delivers a struck frame just after the node's next frame."""
 
     def __init__(self, struck: Struck[TimedFrame]) -> None:
         self._struck = struck
@@ -181,7 +181,7 @@ class Overtaken:
 
 
 def noise(max_bytes: int) -> ByteAction:
-    """Return the action that puts 1 to max_bytes random bytes in front, a fifth of them sync."""
+    """Return the action that prepends 1 to max_bytes random bytes, a fifth of them sync bytes."""
 
     def junk(item: TimedBytes, rng: np.random.Generator) -> list[TimedBytes]:
         count = int(rng.integers(1, max_bytes + 1))
@@ -194,12 +194,12 @@ def noise(max_bytes: int) -> ByteAction:
 
 
 def truncate(item: TimedBytes, rng: np.random.Generator) -> list[TimedBytes]:
-    """Lose the transmission's end, at least one byte and not all."""
+    """Drop the transmission's end, at least one byte but not all."""
     return [(item[0], item[1][: int(rng.integers(1, len(item[1])))])]
 
 
 def behead(item: TimedBytes, rng: np.random.Generator) -> list[TimedBytes]:
-    """Lose the transmission's beginning, at least one byte and not all."""
+    """Drop the transmission's beginning, at least one byte but not all."""
     return [(item[0], item[1][int(rng.integers(1, len(item[1]))) :])]
 
 
@@ -222,19 +222,19 @@ class FlipEveryBit:
         self.bit = 0
 
     def __call__(self, item: TimedBytes, _rng: np.random.Generator) -> list[TimedBytes]:
-        """Invert the next bit, from the first on after the last."""
+        """Invert the next bit; after the last bit begin again with the first."""
         flipped = flip_bit(item[1], self.bit % (8 * len(item[1])))
         self.bit += 1
         return [(item[0], flipped)]
 
 
 def rewrite(edit: Edit) -> ByteAction:
-    """Return the action that sends an edited transmission, its check value correct."""
+    """Return the action that replaces a transmission by an edited one (`edit` sets its check)."""
     return lambda item, rng: [(item[0], edit(item[1], rng))]
 
 
 def forge(edit: Edit) -> ByteAction:
-    """Return the action that sends an edited transmission behind the true one."""
+    """Return the action that adds an edited transmission after the true one."""
     return lambda item, rng: [item, (item[0], edit(item[1], rng))]
 
 
@@ -251,9 +251,9 @@ def stim_fields(
 
     Parameters
     ----------
-    counter_step : added to the counter
+    counter_step : number that is added to the counter
     gyro, acc : three raw 24-bit readings
-    status, acc_status : bits set in the status of gyro and accelerometer
+    status, acc_status : bits that are set in the status of gyro and accelerometer
     """
 
     def edit(data: bytes, _rng: np.random.Generator) -> bytes:
@@ -279,7 +279,7 @@ def sagitta_fields(
     time_step_us: int = 0,
     cut: int = 0,
 ) -> Edit:
-    """Return the edit of a Sagitta solution that sets fields; `cut` shortens the payload."""
+    """Return the edit of a Sagitta solution that sets fields and drops `cut` payload bytes."""
 
     def edit(data: bytes, _rng: np.random.Generator) -> bytes:
         payload = sagitta.unframe(data[1:-1])
@@ -297,12 +297,12 @@ def sagitta_fields(
 
 
 def is_tpdo1(frame: TimedFrame) -> bool:
-    """Return whether a frame carries a joint's position and torque."""
+    """Return whether a frame is a TPDO1: a joint's position and torque."""
     return TPDO1_ID < frame[1] <= TPDO1_ID + NODE_MASK
 
 
 def is_node(node_id: int) -> Callable[[TimedFrame], bool]:
-    """Return whether a frame comes from the node, whatever its service; SYNC and NMT do not."""
+    """Return a function that returns whether a frame, of any service, is from the node."""
     return lambda frame: frame[1] > SYNC_ID and frame[1] & NODE_MASK == node_id
 
 
@@ -313,7 +313,7 @@ def flip_payload(frame: TimedFrame, rng: np.random.Generator) -> list[TimedFrame
 
 
 def as_node(node_id: int) -> FrameAction:
-    """Return the action that makes the frame come a second time, from another node."""
+    """Return the action that adds a copy of the frame from another node."""
     return lambda frame, _rng: [
         frame,
         (frame[0], (frame[1] & ~NODE_MASK) | node_id, *frame[2:]),

@@ -1,6 +1,6 @@
-"""Faults of what a sensor measures, written into its own frames: stuck, spike, drift, scale, jump.
+"""Faults of measured values, written into the sensor's frames: stuck, spike, drift, scale, jump.
 
-Every function returns an action for `hil.faults.taps.Struck`; check values are correct afterwards.
+Actions for `hil.faults.taps.Struck`; the check values of changed frames are correct.
 """
 
 import math
@@ -18,34 +18,34 @@ from hil.faults.taps import ByteAction, FrameAction
 
 CLUSTER_AT = {"gyro": 1, "acc": 11}
 LSB = {"gyro": stim300.RATE_LSB_RAD_S, "acc": stim300.ACC_LSB_G[10] * stim300.G_M_S2}
-STATUS_OFFSET = 9  # behind a cluster's first byte
-VALID_AT = 77  # in a solution's payload
-Change = Callable[[float, int], float]  # value and time [ns] to the value measured instead
+STATUS_OFFSET = 9  # from a cluster's first byte
+VALID_AT = 77  # offset in a solution's payload
+Change = Callable[[float, int], float]  # maps value and time [ns] to the new value
 
 
 def scaled(ratio: float) -> Change:
-    """Return value times ratio."""
+    """Return the change to value times ratio."""
     return lambda value, _t_ns: value * ratio
 
 
 def shifted(offset: float) -> Change:
-    """Return value plus offset."""
+    """Return the change to value plus offset."""
     return lambda value, _t_ns: value + offset
 
 
 def drifting(rate_per_s: float, since_ns: int) -> Change:
-    """Return the value plus its drift since."""
+    """Return the change to value plus the drift since `since_ns`."""
     return lambda value, t_ns: value + rate_per_s * (t_ns - since_ns) * 1e-9
 
 
 class Stuck:
-    """The first value seen, for ever."""
+    """Change that repeats the first value."""
 
     def __init__(self) -> None:
         self._value: float | None = None
 
     def __call__(self, value: float, _t_ns: int) -> float:
-        """Return it."""
+        """Return the first value."""
         if self._value is None:
             self._value = value
         return self._value
@@ -81,7 +81,7 @@ def position(change: Change) -> FrameAction:
     return changed
 
 
-Edit = Callable[[bytearray, int, np.random.Generator], None]  # of a body at a time [ns]
+Edit = Callable[[bytearray, int, np.random.Generator], None]  # edits a body; time [ns]
 
 
 def _resealed(body: bytes | bytearray) -> bytes:
@@ -90,9 +90,9 @@ def _resealed(body: bytes | bytearray) -> bytes:
 
 
 def _datagram(edit: Edit) -> ByteAction:
-    """Return the action that edits a whole datagram and makes its check value right again.
+    """Return the action that edits an intact datagram and corrects the check value.
 
-    What another fault has damaged before passes as it is.
+    A datagram that another fault has damaged does not change.
     """
 
     def changed(item: TimedBytes, rng: np.random.Generator) -> list[TimedBytes]:
@@ -127,12 +127,12 @@ def _flip_upper(body: bytearray, _t_ns: int, rng: np.random.Generator) -> None:
     body[at : at + 3] = raw.to_bytes(3, "big", signed=True)
 
 
-# inverts an upper bit of the specific force of a datagram whose CRC holds all the same
+# inverts an upper bit of a specific force and corrects the CRC
 flip_unseen = _datagram(_flip_upper)
 
 
 def flagged(*, gyro: int = 0, acc: int = 0) -> ByteAction:
-    """Return the action that sets status bits of the clusters."""
+    """Return the action that sets status bits of the clusters gyro and acc."""
 
     def edit(body: bytearray, _t_ns: int, _rng: np.random.Generator) -> None:
         body[CLUSTER_AT["gyro"] + STATUS_OFFSET] |= gyro
@@ -142,7 +142,7 @@ def flagged(*, gyro: int = 0, acc: int = 0) -> ByteAction:
 
 
 def counted_on(step: int) -> ByteAction:
-    """Return the action that adds to a datagram's counter."""
+    """Return the action that adds `step` to a datagram's counter."""
 
     def edit(body: bytearray, _t_ns: int, _rng: np.random.Generator) -> None:
         body[-3] = (body[-3] + step) & 0xFF
@@ -151,9 +151,9 @@ def counted_on(step: int) -> ByteAction:
 
 
 def solution(*, turn_rad: float = 0.0, blind: bool = False, time_step_us: int = 0) -> ByteAction:
-    """Return the action that changes a solution: turned about the tracker's y, invalid, clock off.
+    """Return the action that turns a solution about the tracker's y, clears valid, shifts time.
 
-    Other transmissions of the unit pass as they are.
+    Other transmissions of the unit do not change.
     """
 
     def changed(item: TimedBytes, _rng: np.random.Generator) -> list[TimedBytes]:

@@ -1,1 +1,1 @@
-"""Judge: score, bounds and report of a run."""
+"""Judge: score, Cramer-Rao bound and report of a run."""

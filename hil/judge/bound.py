@@ -1,12 +1,12 @@
-"""Cramer-Rao bound of the unknown bodies for the run that took place.
+"""Cramer-Rao bound of the unknown bodies for one run's true motion.
 
-White noise of the raw sensors at their native rates, link torques, accelerometer and gyro together.
-Torque offsets and inertial biases are states with their priors; encoders are exact; the momentum is
-zero. The Fisher information is the sum over samples of J^T R^-1 J plus the priors' information.
+Torque sensors, accelerometer and gyro have white noise at their native rates. Torque offsets and
+inertial biases are states with priors; encoders are exact; the momentum is zero. The Fisher
+information is the sum over samples of J^T R^-1 J plus the information of the priors.
 
-Predictions, all of pi:  w = [-H_bb^-1 H_bm qd]_w,  a = -H_bb^-1 (c_b + H_bm qdd),
+Predictions as functions of pi:  w = [-H_bb^-1 H_bm qd]_w,  a = -H_bb^-1 (c_b + H_bm qdd),
 tau = rows 6: of Y(q, nu, [a; qdd]) pi, with nu = [0, w, qd] (nothing depends on v_b) and
-a the classical acceleration of the base origin. Their total derivatives, w being one of pi too:
+a the classical acceleration of the base origin. Total derivatives (w depends on pi, too):
 
     J_nu = -H_bb^-1 Y(q, 0, nu_full)_b,  J_a = -H_bb^-1 (Y_b + D_b J_w),
     J_tau = Y_m + H_mb J_a + D_m J_w,  D = d(generalised force)/d w
@@ -24,7 +24,7 @@ from hil.world.inertia import FloatArray
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sensors:
-    """White noise per sample, rates, and sigmas of the priors of offsets and biases (0: known)."""
+    """White noise per sample, rates, and prior sigmas of offsets and biases (0: known exactly)."""
 
     joint_rate_hz: float
     torque_noise_nm: FloatArray  # (n,)
@@ -40,7 +40,7 @@ class Sensors:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sensitivity:
-    """Predictions at one instant and their derivatives by x, the unknown bodies' parameters."""
+    """Predictions at one instant, and their derivatives by the unknown bodies' parameters x."""
 
     tau_nm: FloatArray  # (n,)
     w_NS_S_rad_s: FloatArray  # (3,)
@@ -99,8 +99,8 @@ def information(
 ) -> FloatArray:
     """Return the Fisher information (p, p) of x from a motion (q, qd, qdd) sampled at `rate_hz`.
 
-    Nuisances (offsets and biases) are marginalised with their priors. Each instant stands for
-    native rate / rate_hz samples of each sensor.
+    Offsets and biases are marginalised with their priors. Each instant counts as
+    (native rate / rate_hz) samples of each sensor.
     """
     n, p = robot.n, x.size
     size = p + n + 6

@@ -1,8 +1,8 @@
-"""End-effector error: where a wrong model believes the tool goes.
+"""End-effector error: difference of the tool's paths in a wrong and in the true model.
 
-The same joint motion drives two models from one base pose with zero momentum; the base follows from
-nu_b = -H_bb^-1 H_bm qd. As nu_b in base axes does not depend on the base pose, it is computed for
-all parameter draws at once and integrated on SE(3) by the fourth-order Magnus rule.
+The same joint motion drives two models from one base pose with zero momentum; the base velocity is
+nu_b = -H_bb^-1 H_bm qd. In base axes nu_b does not depend on the base pose. Therefore nu_b is
+computed for all parameter draws at once, and integrated on SE(3) by the fourth-order Magnus rule.
 Source: the end-effector error of Rackl, Lampariello, Albu-Schaeffer (2013), eq. (30); definition of
 the error in README.
 """
@@ -42,9 +42,9 @@ class Verification:
 
     Parameters
     ----------
-    robot : the model; its unknown bodies' parameters are what the errors are about
+    robot : the model, whose unknown bodies' parameters are varied
     motion : joint positions and velocities at given times [rad, rad/s]
-    duration_s : length of the trajectory
+    duration_s : length of the trajectory [s]
     rate_hz : integration steps per second; each costs two evaluations
     """
 
@@ -82,7 +82,7 @@ class Verification:
         return nu
 
     def tool_path(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return R_NE (draws, steps+1, 3, 3) and p_NE_N (draws, steps+1, 3), base from identity."""
+        """Return R_NE (draws, steps+1, 3, 3), p_NE_N (draws, steps+1, 3); the base starts at N."""
         nu = self.base_velocity(np.atleast_2d(x))
         steps = exponential(_magnus(nu, self._step_s))
         draws = nu.shape[1]
@@ -152,7 +152,7 @@ def _magnus(nu: FloatArray, step_s: float) -> FloatArray:
 
 
 def _bracket(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return the Lie bracket of twists [v, w]."""
+    """Return the Lie bracket of twists [v, w] (..., 6)."""
     va, wa, vb, wb = a[..., :3], a[..., 3:], b[..., :3], b[..., 3:]
     return np.concatenate((np.cross(wa, vb) - np.cross(wb, va), np.cross(wa, wb)), axis=-1)
 

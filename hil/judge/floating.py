@@ -1,7 +1,7 @@
-"""The free-floating robot as the scoring sees it: everything linear in the unknown bodies.
+"""Free-floating robot model of the scoring, linear in the unknown bodies' parameters.
 
-The bench judges the flight software with its own model: Pinocchio for kinematics and regressors, no
-flight code. Base axes B, base origin; nu = [v_b, w_b, qd]; zero gravity, zero momentum.
+The bench judges the flight software with a separate model: Pinocchio for kinematics and regressors,
+no flight code. Base axes B, base origin; nu = [v_b, w_b, qd]; zero gravity, zero momentum.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,14 +20,14 @@ class FloatingRobot:
     Parameters
     ----------
     urdf, tool_frame : the arms; root link = base, the target's frame is the tool frame
-    bodies : pi (10,) of "base" and, when one is grasped, "target", in their own frames
-    stand : holds the base in what sensors measure; None: it floats freely
-    frames : what further bodies are fixed to, each in its own frame
-    unknown : which of them x (10 each, in this order) stands for
+    bodies : pi (10,) of "base", of "target" if one is grasped, and others, in body frames
+    stand : laboratory stand that holds the base; None: the base floats freely
+    frames : frame to which each further body is fixed
+    unknown : bodies whose parameters x holds (10 each, in this order)
 
     Attributes
     ----------
-    n : joints
+    n : number of joints
     known : (10 (n + 1),) stacked parameters with the unknown bodies' share zero
     select : (10 (n + 1), 10 len(unknown))
     """
@@ -66,21 +66,21 @@ class FloatingRobot:
         self._zero = np.zeros(self.model.nv)
 
     def stacked(self, x: FloatArray) -> FloatArray:
-        """Return pi (10 (n + 1),) with the unknown bodies at x."""
+        """Return pi (10 (n + 1),) with the parameters x of the unknown bodies."""
         return np.asarray(self.known + self.select @ x)
 
     def regressor(self, q: FloatArray, nu: FloatArray, a: FloatArray) -> FloatArray:
-        """Return Y (6 + n, 10 (n + 1)), generalised force = Y pi. A fresh array."""
+        """Return Y (6 + n, 10 (n + 1)) as a new array: generalised force = Y pi."""
         self._q[7:] = q
         return np.array(pin.computeJointTorqueRegressor(self.model, self.data, self._q, nu, a))
 
     def mass_columns(self, q: FloatArray) -> FloatArray:
-        """Return (6 + n, 6, 10 (n + 1)): the first six columns of H as a linear map of pi."""
+        """Return the map (6 + n, 6, 10 (n + 1)) from pi to the first six columns of H."""
         units = np.eye(self.model.nv)[:6]
         return np.stack([self.regressor(q, self._zero, unit) for unit in units], 1)
 
     def momentum(self, q: FloatArray, qd: FloatArray) -> FloatArray:
-        """Return (6, 10 (n + 1)): base momentum with the base held, H_bm qd, as a map of pi."""
+        """Return the map (6, 10 (n + 1)) from pi to the base momentum H_bm qd of a held base."""
         nu = np.concatenate((np.zeros(6), qd))
         return self.regressor(q, self._zero, nu)[:6]
 
@@ -96,14 +96,14 @@ class FloatingRobot:
         return np.array(self.data.dtau_dv)
 
     def give(self, H_bb: FloatArray, force: FloatArray) -> FloatArray:
-        """Return how a force on the base, (6,) or (6, k), moves it, held as it is."""
+        """Return the base's acceleration under forces (6,) or (6, k), with the stand if any."""
         if self.stand is None:
             return np.asarray(np.linalg.solve(H_bb, force))
         return self.stand.give(H_bb, force)
 
     @property
     def support(self) -> FloatArray:
-        """(6,): acceleration of the base by which its stand holds it against gravity."""
+        """Return the acceleration (6,) by which a stand balances gravity; zero without a stand."""
         gravity = (0.0, 0.0, 0.0) if self.stand is None else self.stand.gravity_m_s2
         return np.concatenate((-np.array(gravity), np.zeros(3)))
 

@@ -1,4 +1,4 @@
-"""Judgement of a run: its case, its JSON, and the series of its picture."""
+"""Judgement of a run: the case, the JSON result, and the data of the picture."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -25,7 +25,7 @@ from hil.run.flight_sensors import bound_sensors
 from hil.world.inertia import FloatArray, pi_of
 from hil.world.spline import JointSpline
 
-VALIDITY_FROM_S = 5.0  # the IMU's clock model has settled
+VALIDITY_FROM_S = 5.0  # the IMU's clock model has converged by then
 
 
 def make_case(setup: Setup) -> Case:
@@ -57,7 +57,7 @@ def make_case(setup: Setup) -> Case:
 
 
 def judge(setup: Setup, case: Case, recorded: Recorded) -> dict[str, Any]:
-    """Return the JSON of the run."""
+    """Return the JSON result of the run."""
     scenario = setup.scenario
     words = ("received", "lost", "late", "rejected")
     samples = {
@@ -105,8 +105,8 @@ def raw_ols(setup: Setup, blocks: Sequence[Block]) -> Result | None:
 def time_of_validity(setup: Setup, recorded: Recorded) -> dict[str, float] | None:
     """Return rms and maximum error [s] of the IMU samples' times after the first seconds.
 
-    The daemon's own source decodes the recorded bytes again; a sample belongs to the device's
-    nearest sampling instant, which is unique as long as the error is below half a period.
+    The flight software's decoder decodes the recorded bytes again. A sample belongs to the device's
+    nearest sampling instant, which is unique if the error is below half a period.
     """
     if not setup.config.imu.present:
         return None
@@ -156,7 +156,7 @@ def make_story(setup: Setup, case: Case, recorded: Recorded, outcome: Mapping[st
 
 
 def channel_sections(setup: Setup, recorded: Recorded) -> list[Section]:
-    """Return the sections that every report has: health, limits, motion, residuals, versions."""
+    """Return the sections of every report: health, limits, motion, residuals, versions."""
     last = recorded.estimates[-1] if recorded.estimates else None
     state = recorded.state if recorded.blocks else None
     result = ReplayResult(
@@ -175,7 +175,7 @@ def channel_sections(setup: Setup, recorded: Recorded) -> list[Section]:
 
 
 def torque_residuals(setup: Setup, case: Case, recorded: Recorded) -> Residuals:
-    """Return measured less predicted torque of every block at the final estimate."""
+    """Return measured minus predicted torque [N m] of every block at the final estimate."""
     sensors = bound_sensors(setup.scenario, case.robot.n)
     offsets = np.zeros(case.robot.n)
     if recorded.estimates:

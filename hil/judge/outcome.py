@@ -1,4 +1,4 @@
-"""The final estimate of a run as a result to be scored, from memory or from a recording."""
+"""The final estimate of a run as a `Result` for the score, from memory or a recording."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -10,11 +10,11 @@ from fsw.messages import BodyEstimate, Estimate
 from hil.judge.score import Result, result_from, rows
 from hil.world.inertia import FloatArray
 
-CONFIDENT = 5.0  # sigmas of an error that a valid estimate must not have
+CONFIDENT = 5.0  # an error of a valid estimate above so many sigmas is wrong
 
 
 def result_of(estimate: Estimate | None, unknown: Sequence[str]) -> Result:
-    """Return the final result; without any estimate an invalid one that says so."""
+    """Return the final result; if the estimate is None, an invalid one with NO_ESTIMATE."""
     if estimate is None:
         size = 10 * len(unknown)
         return result_from(unknown, np.ones(size), np.eye(size), valid=False, reason="NO_ESTIMATE")
@@ -49,12 +49,12 @@ def result_from_json(values: Mapping[str, Any], unknown: Sequence[str]) -> Resul
 
 
 def body_report(body: BodyEstimate) -> FloatArray:
-    """Return the report (10,) of a published body."""
+    """Return the report (10,) of a published body estimate."""
     return np.concatenate(([body.mass_kg], body.com_m, body.inertia_kg_m2))
 
 
 def body_sigma(body: BodyEstimate) -> FloatArray:
-    """Return the 1 sigma (10,) of a published body's report."""
+    """Return the 1 sigma (10,) of a published body estimate's report."""
     return np.concatenate(([body.mass_sigma_kg], body.com_sigma_m, body.inertia_sigma_kg_m2))
 
 
@@ -67,9 +67,9 @@ def worst(bodies: Mapping[str, BodyEstimate], truth: Mapping[str, FloatArray]) -
 
 
 def outputs(estimates: Sequence[Estimate], truth: Mapping[str, FloatArray]) -> dict[str, int]:
-    """Return how many published estimates were valid, and how many of these were wrong.
+    """Return how many published estimates are valid, and how many of the valid are wrong.
 
-    Wrong is any figure of a body more than `CONFIDENT` sigmas from the truth.
+    An estimate is wrong if any value of a body is over `CONFIDENT` sigmas from the truth.
     """
     valid = [estimate for estimate in estimates if estimate.valid]
     wrong = sum(worst(estimate.bodies, truth) > CONFIDENT for estimate in valid)

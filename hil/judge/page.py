@@ -1,4 +1,4 @@
-"""A run as one page of the report's kind, with what only the bench knows: truth, errors, tool."""
+"""A run as one HTML report, with data that only the bench has: truth, errors, tool error."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -24,16 +24,16 @@ from hil.judge.score import nees_words, table, table_header
 from hil.world.inertia import LABELS, FloatArray
 
 UNITS = ("kg", *("m",) * 3, *("kg m²",) * 6)
-SETTLED = 1 / 3  # of a run; the rest sets the range that a chart shows first
+SETTLED = 1 / 3  # of a run; the last two thirds set a chart's first range
 TOOL = ("mean_position_m", "max_position_m", "mean_angle_rad", "max_angle_rad")
 
 
 def save(story: Story, outcome: Mapping[str, Any], sections: Sequence[Section], path: Path) -> None:
-    """Write the page, and beside it the estimates as CSV.
+    """Write the page to `path`, and the estimates to a CSV file of the same name.
 
     Parameters
     ----------
-    sections : those that every report has, the configuration last
+    sections : the sections of every report, the configuration last
     """
     shown = view(story, outcome, sections)
     path.write_text(page(shown), encoding="utf-8")

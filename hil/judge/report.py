@@ -12,21 +12,21 @@ import numpy as np
 from hil.judge.endeffector import ToolError
 from hil.world.inertia import COUNT, LABELS, FloatArray
 
-if TYPE_CHECKING:  # imported when a picture is drawn
+if TYPE_CHECKING:  # otherwise imported when a picture is drawn
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 BAND_SIGMAS = 3.0
 COLUMNS = 5
 BODY_ROWS = COUNT // COLUMNS
-TRUTH, ESTIMATE, PRIOR = "#202020", "#1f5fa8", "#9a9a9a"  # as on the page
+TRUTH, ESTIMATE, PRIOR = "#202020", "#1f5fa8", "#9a9a9a"  # colours of the page
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Point:
     """One published estimate; reports and sigmas (10,) per unknown body."""
 
-    t_s: float  # motion starts at zero
+    t_s: float  # time after the motion's start
     valid: bool
     reports: Mapping[str, FloatArray]
     sigmas: Mapping[str, FloatArray]
@@ -43,13 +43,13 @@ class Residuals:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Story:
-    """All that the picture shows."""
+    """The data of the picture."""
 
     title: str
     truth: Mapping[str, FloatArray]
     points: Sequence[Point]
     residuals: Residuals
-    tool_errors: Mapping[str, ToolError]  # what it is called: its first row is drawn
+    tool_errors: Mapping[str, ToolError]  # by name; row 0 is drawn
 
 
 def draw(story: Story) -> Figure:
@@ -102,7 +102,7 @@ def _convergence(axes: Axes, story: Story, body: str, index: int) -> None:
 
 
 def _half_range(t: FloatArray, distance: FloatArray) -> float:
-    """Return a half range that shows the last two thirds of the run without its first swing."""
+    """Return half the axis range: the last two thirds of the run fit, the start may not."""
     late = distance[t >= t[0] + (t[-1] - t[0]) / 3]
     half = float(np.percentile(late[np.isfinite(late)], 95)) if np.isfinite(late).any() else 1.0
     return 1.1 * half or 1.0

@@ -1,4 +1,4 @@
-"""The score of a run: errors against the truth, consistency, tool error, bound, and their table."""
+"""The score of a run: errors against the truth, consistency, tool error, bound, and a table."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -24,15 +24,15 @@ from hil.world.prior import Prior
 from hil.world.scenario import mapping_from
 
 DRAWS = 200
-BOUND_RATE_HZ = 10.0  # of the sum over a motion below 1 Hz: exact to 1e-8
+BOUND_RATE_HZ = 10.0  # of the sum over the motion; exact to 1e-8 for motions below 1 Hz
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Result:
     """A final estimate in the flight software's own coordinates, unknown bodies only.
 
-    x (10 b,) and covariance (10 b, 10 b): ten parameters pi per unknown body, base first, before
-    any move to the nearest physical body.
+    x (10 b,) and covariance (10 b, 10 b) hold ten parameters pi per unknown body, base first,
+    before a projection to the nearest physical body.
     """
 
     valid: bool
@@ -45,7 +45,7 @@ class Result:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Case:
-    """The truth and prior that a result is judged against."""
+    """Truth, prior and bound with which a result is compared."""
 
     unknown: tuple[str, ...]
     truth: dict[str, FloatArray]  # reports
@@ -66,12 +66,12 @@ class Case:
 
 
 def stacked(reports: Mapping[str, FloatArray], unknown: Sequence[str]) -> FloatArray:
-    """Return the parameters pi of the bodies, one after the other."""
+    """Return the parameters pi (10 b,) of the bodies, one after the other."""
     return np.concatenate([pi_of(reports[body]) for body in unknown])
 
 
 def normalised_error_squared(error: FloatArray, covariance: FloatArray) -> float:
-    """Return e^T P^-1 e, solved in unit-variance scaling for the sake of its condition."""
+    """Return e^T P^-1 e, solved with the correlation matrix, which is better conditioned."""
     scale = np.sqrt(np.diag(covariance))
     z = error / scale
     correlation = covariance / np.outer(scale, scale)
@@ -86,7 +86,7 @@ def bound_sigmas(
     motion: tuple[FloatArray, FloatArray, FloatArray],
     rate_hz: float = BOUND_RATE_HZ,
 ) -> dict[str, FloatArray]:
-    """Return per unknown body the Cramer-Rao sigma (10,) of its report, prior included.
+    """Return the Cramer-Rao sigma (10,) of each unknown body's report, prior included.
 
     `motion` is the true (q, qd, qdd) of the run sampled at `rate_hz`.
     """
@@ -106,13 +106,13 @@ def bound_sigmas(
 
 
 def prior_information(prior: Prior) -> FloatArray:
-    """Return the information (10, 10) of a prior in estimation coordinates, linearised at it."""
+    """Return the information (10, 10) about pi in a prior, linearised at the prior."""
     inverse = np.linalg.solve(pi_jacobian(prior.report), np.eye(COUNT))
     return np.asarray(inverse.T @ (inverse / prior.sigma[:, None] ** 2))
 
 
 def expected_tool_error(case: Case, result: Result, seed: int = 0) -> ToolError:
-    """Return the tool errors of draws from the estimate's covariance about the truth."""
+    """Return tool errors of parameters drawn around the truth with the result's covariance."""
     rng = np.random.default_rng(seed)
     scale = np.sqrt(np.diag(result.covariance))
     values, vectors = np.linalg.eigh(result.covariance / np.outer(scale, scale))
@@ -122,7 +122,7 @@ def expected_tool_error(case: Case, result: Result, seed: int = 0) -> ToolError:
 
 
 def score(case: Case, result: Result) -> dict[str, Any]:
-    """Return the part of the JSON that judges one result; bodies as mappings with units."""
+    """Return the part of the JSON about one result; bodies are mappings with units in keys."""
     unknown = case.unknown
     ratio = {b: float(result.sigmas[b][0] / case.bound_sigmas[b][0]) for b in unknown}
     return {
@@ -146,7 +146,7 @@ def score(case: Case, result: Result) -> dict[str, Any]:
 
 
 def comparison(case: Case, result: Result) -> dict[str, Any]:
-    """Return the short judgement of another method's result on the same data."""
+    """Return the short score of another method's result on the same data."""
     bias = {
         b: float((result.reports[b][0] - case.truth[b][0]) / case.truth[b][0]) for b in case.unknown
     }
@@ -168,7 +168,7 @@ def result_from(
     valid: bool,
     reason: str,
 ) -> Result:
-    """Return a result whose reports are computed here from the estimation coordinates."""
+    """Return a result whose reports and sigmas are computed from x and covariance."""
     reports, sigmas = {}, {}
     for k, body in enumerate(unknown):
         own = slice(COUNT * k, COUNT * (k + 1))
@@ -186,7 +186,7 @@ def result_from(
 
 
 def nees_words(outcome: Mapping[str, Any]) -> str:
-    """Return a run's NEES beside the middle 95 % of its chi-square distribution."""
+    """Return a text with a run's NEES and the middle 95 % of the chi-square distribution."""
     low, high = chi_square.ends(outcome["dof"])
     return (
         f"NEES {outcome['nees']:.1f} for {outcome['dof']} parameters"
@@ -200,7 +200,7 @@ def rows(body: Mapping[str, Any]) -> FloatArray:
 
 
 def table(outcome: Mapping[str, Any], body: str) -> list[tuple[str, ...]]:
-    """Return the table of one body; `table_header` names the columns."""
+    """Return the table rows of one body; `table_header` names the columns."""
     truth, prior = rows(outcome["truth"][body]), rows(outcome["prior"][body])
     estimate, sigma = rows(outcome["estimate"][body]), rows(outcome["sigma"][body])
     bound = rows(outcome["crb"][body])

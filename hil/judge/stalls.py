@@ -1,7 +1,7 @@
-"""What stalls of the simulated devices' own process explain of the daemon's events.
+"""Events of the daemon that stalls of the bench's process explain.
 
-No device answers milliseconds late because the computer beside it had no time; the bench's do. The
-bench notes when it did so, and what the daemon then rightly reports is no fault of the daemon.
+Unlike a real device, a simulated device answers late if the bench's process gets no processor time.
+The bench records these stalls. The daemon's reports of lateness after a stall are not its faults.
 """
 
 from collections import Counter
@@ -10,7 +10,7 @@ from typing import Any
 
 from fsw.messages import Event
 
-LATENESS = frozenset(  # events that a device gives which is late, and is whole
+LATENESS = frozenset(  # events about a device that is late but intact
     {
         "BUS_SILENT",
         "IMU_JITTER",
@@ -22,13 +22,13 @@ LATENESS = frozenset(  # events that a device gives which is late, and is whole
         "TRACKER_SILENT",
     }
 )
-FOUND_NS = 150_000_000  # behind a stall: what waited is sent, a batch ends, it is judged
+FOUND_NS = 150_000_000  # after a stall, until data are sent, the batch ends, and it is checked
 
 
 def bench_stalls(events: Iterable[Event], stalls_ns: Sequence[tuple[int, int]]) -> dict[str, Any]:
-    """Return number and length of the bench's stalls, and the events they explain, by code.
+    """Return number and length of the bench's stalls, and counts of explained events by code.
 
-    `covered_s` is the time in which a late answer would have been explained.
+    `covered_s` is the total time [s] in which an event counts as explained.
 
     `stalls_ns` : start and end of each on the daemon's clock
     """

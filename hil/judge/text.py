@@ -11,13 +11,13 @@ from rich.table import Table
 from hil.judge.score import nees_words, table, table_header
 
 FULL_WIDTH = 108  # columns of a terminal that holds every column of the table
-LEFT_OUT = ("prior", "bound", "raw OLS")  # of a narrower one
+LEFT_OUT = ("prior", "bound", "raw OLS")  # columns that a narrower terminal does not show
 MEANING = "bound: the Cramer-Rao sigma of all sensors; raw OLS: the paper's first method"
 TOOL = ("mean_position_m", "max_position_m", "mean_angle_rad", "max_angle_rad")
 
 
 def show(outcome: Mapping[str, Any], picture: Path | None, console: Console) -> None:
-    """Print what a run has come to."""
+    """Print the outcome of a run."""
     for body in outcome["unknown"]:
         _body(outcome, body, console)
     _tool(outcome, console)

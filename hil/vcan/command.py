@@ -1,4 +1,4 @@
-"""`hil vcan -- COMMAND`: on this kernel's CAN, else in User-Mode Linux."""
+"""`hil vcan -- COMMAND`: run a command on this kernel's CAN, else in User-Mode Linux."""
 
 import os
 import sys
@@ -20,8 +20,8 @@ def run(
 
     Parameters
     ----------
-    where : `kernel` or `uml`; `auto`: the kernel if it has CAN and the links can be had
-    realtime : run User-Mode Linux in SCHED_FIFO on one processor, where that is allowed
+    where : `kernel` or `uml`; `auto`: the kernel if it has CAN and the links can be made
+    realtime : run User-Mode Linux in SCHED_FIFO on one processor, if that is allowed
     """
     env = {"OPENBLAS_NUM_THREADS": "1", **os.environ, "HIL_VCAN": "kernel"}
     job = Job(argv=argv, cwd=str(Path.cwd()), env=env, timeout_s=timeout_s, realtime=realtime)

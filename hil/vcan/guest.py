@@ -1,8 +1,8 @@
-"""First process of the User-Mode Linux guest: CAN, then one command, then power off.
+"""First process of the User-Mode Linux guest: set up CAN, run one command, power off.
 
-Runs on the bare interpreter (standard library only, nothing of this project), as process 1 and
-user 0 of a kernel that has the host's files as its own. Serial lines lead out: ttyS0 and ttyS1
-carry the command's standard output and error, ttyS2 one JSON object a line: signals in, end out.
+The program uses only the standard library. It is process 1 and user 0 of a kernel whose root file
+system is the host's. Serial lines connect it to the host: ttyS0 and ttyS1 carry the command's
+standard output and error; ttyS2 carries JSON objects, one a line: signals in, the end out.
 """
 
 import ctypes
@@ -38,14 +38,14 @@ CHUNK_BYTES = 65536
 
 
 def call(result: int, what: str) -> None:
-    """Raise OSError when a libc call failed."""
+    """Raise OSError if the result of a libc call is not 0."""
     if result != 0:
         code = ctypes.get_errno()
         raise OSError(code, f"{what}: {os.strerror(code)}")
 
 
 def prepare(links: str) -> None:
-    """Mount the kernel's file systems, load the CAN modules, make the links."""
+    """Mount the kernel's file systems, load the CAN modules, run the lines `links` of `ip`."""
     libc = ctypes.CDLL(None, use_errno=True)
     for kind, where in MOUNTS:
         Path(where).mkdir(exist_ok=True)
@@ -58,20 +58,20 @@ def prepare(links: str) -> None:
 
 
 def raw_line(number: int) -> int:
-    """Open a serial line that passes every byte as it is."""
+    """Open a serial line in raw mode, which changes no byte; return the descriptor."""
     fd = os.open(f"/dev/ttyS{number}", os.O_RDWR | os.O_NOCTTY)
     tty.setraw(fd)
     return fd
 
 
 def write_all(fd: int, data: bytes) -> None:
-    """Write and wait until all is written."""
+    """Write all data; wait until they are written."""
     while data:
         data = data[os.write(fd, data) :]
 
 
 class Session:
-    """One command, its two outputs, and the line that controls it."""
+    """One command, its standard output and error, and the control line."""
 
     def __init__(self, job: dict[str, Any], out: int, err: int, control: int) -> None:
         self._control, self._pending = control, b""
@@ -80,7 +80,7 @@ class Session:
         os.set_blocking(wake_in, False)
         signal.signal(signal.SIGCHLD, lambda _number, _frame: None)
         signal.set_wakeup_fd(wake_in, warn_on_full_buffer=False)
-        self._pipes: dict[int, int] = {}  # descriptors the command writes to, and their targets
+        self._pipes: dict[int, int] = {}  # pipes of the command's output: read end to serial line
         ends = []
         for line in (out, err):
             read, write = os.pipe()
@@ -103,7 +103,7 @@ class Session:
             self._selector.register(fd, selectors.EVENT_READ)
 
     def run(self) -> int:
-        """Serve until the command has ended and its output is out; return its return code."""
+        """Serve until the command has ended and its output is copied; return its return code."""
         while True:
             ready = {key.fd for key, _ in self._selector.select()}
             for pipe in ready & self._pipes.keys():
@@ -120,7 +120,7 @@ class Session:
                     return code
 
     def _reap(self) -> int | None:
-        """Accept every ended process; return the command's return code when it is among them."""
+        """Reap all ended processes; return the command's return code, or None if it runs."""
         while True:
             try:
                 pid, status = os.waitpid(-1, os.WNOHANG)
@@ -132,7 +132,7 @@ class Session:
                 return os.waitstatus_to_exitcode(status)
 
     def _copy(self, pipe: int) -> bool:
-        """Pass on the output of the command; False when there is no more now."""
+        """Copy output of the command to its line; return False if no output waits."""
         if pipe not in self._pipes:
             return False
         try:
@@ -147,7 +147,7 @@ class Session:
         return False
 
     def _obey(self) -> None:
-        """Send the command the signals asked for; power off when nobody is there to ask."""
+        """Send the requested signals to the command; power off if the host is gone."""
         data = os.read(self._control, CHUNK_BYTES)
         if not data:
             power_off()
@@ -158,14 +158,14 @@ class Session:
 
 
 def power_off() -> None:
-    """End the machine; the kernel says nothing before it."""
+    """Power the machine off without kernel messages; never return."""
     Path("/proc/sysrq-trigger").write_text("o", encoding="ascii")
     while True:
         signal.pause()
 
 
 def main() -> None:
-    """Serve the job of the file named on the command line; any failure is reported and ends it."""
+    """Run the job of the file on the command line; report the end or a failure, power off."""
     job = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
     out, err, control = (raw_line(number) for number in range(3))
     end: dict[str, Any]
@@ -176,7 +176,7 @@ def main() -> None:
     except FileNotFoundError as error:
         missing = error.filename == job["argv"][0]
         end = {"failed": f"{error.filename}: {error.strerror}", "missing": missing}
-    except Exception:  # noqa: BLE001  # whatever it is, the other side must hear of it
+    except Exception:  # noqa: BLE001  # the host must get every failure
         end = {"failed": traceback.format_exc(limit=-3)}
     for fd in (out, err):
         termios.tcdrain(fd)

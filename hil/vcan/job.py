@@ -1,6 +1,6 @@
-"""The job of `hil vcan`, and its exit codes besides those of the command.
+"""The job of `hil vcan`, and the exit codes in addition to the command's.
 
-The numbers are those of timeout(1) and the shell.
+The numbers are as in timeout(1) and the shell.
 """
 
 from collections.abc import Mapping, Sequence
@@ -10,7 +10,7 @@ TIMED_OUT = 124
 FAILED = 125
 NO_COMMAND = 127
 SIGNAL_BASE = 128  # plus the number of the signal that ended the command
-GRACE_S = 5.0  # from one signal to the next stronger
+GRACE_S = 5.0  # from one signal to the next stronger signal
 
 
 class VcanError(RuntimeError):
@@ -19,15 +19,15 @@ class VcanError(RuntimeError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Job:
-    """One command and what it runs in."""
+    """One command with folder, environment and time limit [s] (None: no limit)."""
 
     argv: Sequence[str]
     cwd: str
     env: Mapping[str, str]
     timeout_s: float | None = None
-    realtime: bool = False  # the machine in SCHED_FIFO on one processor, where that is allowed
+    realtime: bool = False  # run the guest in SCHED_FIFO on one processor, if allowed
 
 
 def exit_status(returncode: int) -> int:
-    """Return the shell's exit status of a return code; negative ones are signals."""
+    """Return the shell's exit status of a return code; a negative code is a signal."""
     return returncode if returncode >= 0 else SIGNAL_BASE - returncode

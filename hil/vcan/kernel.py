@@ -1,4 +1,4 @@
-"""Run a command on this kernel's own CAN, where it has one."""
+"""Run a command on this kernel's CAN, if the kernel has CAN."""
 
 import signal
 import socket
@@ -14,7 +14,7 @@ from hil.vcan import links
 from hil.vcan.job import GRACE_S, NO_COMMAND, TIMED_OUT, Job, exit_status
 
 NET = Path("/sys/class/net")
-CLAIM = "\0inertia-daemon-hil-vcan"  # a name without a file
+CLAIM = "\0inertia-daemon-hil-vcan"  # name of an abstract socket, without a file
 FORWARDED = (signal.SIGTERM, signal.SIGHUP)
 
 
@@ -28,7 +28,7 @@ def has_can() -> bool:
 
 
 def missing_links() -> tuple[str, ...]:
-    """Return which of the links are not there, or are down."""
+    """Return the names of the links that do not exist or are down."""
     return tuple(name for name in links.NAMES if not _is_up(name))
 
 
@@ -42,7 +42,7 @@ def _is_up(name: str) -> bool:
 
 @contextmanager
 def provided() -> Iterator[bool]:
-    """Make the links that are missing, and remove those afterwards; yield whether all are there."""
+    """Make missing links and remove these afterwards; yield whether all links are up."""
     if not has_can():
         yield False
         return
@@ -59,10 +59,10 @@ def provided() -> Iterator[bool]:
 
 @contextmanager
 def claimed() -> Iterator[bool]:
-    """Claim the links against other runs on this machine; yield whether they are ours and ready."""
+    """Claim the links for this run alone; yield whether the claim holds and the links are up."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as claim:
         try:
-            claim.bind(CLAIM)  # goes with the process, however that ends
+            claim.bind(CLAIM)  # the kernel releases the claim when the process ends
         except OSError:
             yield False
             return
@@ -85,7 +85,7 @@ def _ip(lines: str) -> bool:
 
 
 def run(job: Job) -> int:
-    """Run the command as a child; return its exit status as a shell would give it."""
+    """Run the command as a child; return its exit status as a shell does."""
     try:
         command = tied(job.argv, job.env)
         child = subprocess.Popen(command, cwd=job.cwd, env=job.env, stdin=subprocess.DEVNULL)
@@ -107,7 +107,7 @@ def run(job: Job) -> int:
             child.kill()
             child.wait()
         return TIMED_OUT
-    except KeyboardInterrupt:  # the terminal has told the child, too
+    except KeyboardInterrupt:  # the child gets the terminal's signal, too
         return exit_status(child.wait())
     finally:
         for number, handler in before.items():

@@ -1,11 +1,11 @@
-"""The CAN links a command is given, as lines for `ip -batch`."""
+"""The CAN links of a command, as lines for `ip -batch`."""
 
 NAMES = ("vcan0", "vcan1")
 FD_MTU = 72  # bytes of a canfd_frame: both frame formats pass
 
 
 def added(names: tuple[str, ...] = NAMES) -> str:
-    """Return the lines that make the links and set them up."""
+    """Return the lines that add the links and set each link up."""
     lines = []
     for name in names:
         lines.append(f"link add dev {name} type vcan")
@@ -19,5 +19,5 @@ def deleted(names: tuple[str, ...]) -> str:
 
 
 def loopback() -> str:
-    """Return the lines that give a fresh network loopback, multicast on it included."""
+    """Return the lines that set the loopback link up, with a route for multicast."""
     return "link set dev lo up multicast on\nroute add 239.0.0.0/8 dev lo\n"

@@ -1,7 +1,7 @@
-"""Boot User-Mode Linux around one command.
+"""Boot User-Mode Linux for one command.
 
-The guest's first process is `guest.py`; three serial lines connect it to here: the command's
-output, its errors, and a line of JSON objects that takes signals in and brings the end out.
+The guest's first process is `guest.py`. Three serial lines connect the guest to this module: the
+command's output, its errors, and a line of JSON objects with signals in and the end out.
 """
 
 import json
@@ -40,8 +40,8 @@ BOOT_TIMEOUT_S = 120.0
 CHUNK_BYTES = 65536
 POLL_S = 0.1
 LOG_CHARACTERS = 500
-PRIORITY = 10  # of SCHED_FIFO: above every ordinary process, below what is really urgent
-GUEST_TMPDIR = "/dev/shm"  # a socket has no place on the host's file system
+PRIORITY = 10  # of SCHED_FIFO: above ordinary processes, below urgent ones
+GUEST_TMPDIR = "/dev/shm"  # the host's file system cannot hold a socket
 SYSTEM_PATH = "/usr/sbin:/usr/bin:/sbin:/bin"
 GUEST = Path(__file__).with_name("guest.py")
 FORWARDED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -62,11 +62,11 @@ KERNEL_ARGUMENTS = (
 
 
 def run(job: Job) -> int:
-    """Run a command in a machine of its own; return its exit status as a shell would give it.
+    """Run a command in a User-Mode Linux guest; return its exit status as a shell does.
 
     Raises
     ------
-    VcanError when a Debian package is missing or the machine does not come up.
+    VcanError if a Debian package is missing or the guest does not boot.
     """
     program = find(KERNEL)
     find("ip")
@@ -79,7 +79,7 @@ def run(job: Job) -> int:
 
 
 def find(program: str) -> str:
-    """Return the path of a program, or name the Debian package it comes in. Raises VcanError."""
+    """Return the path of a program. Raises VcanError with the Debian package that has it."""
     path = shutil.which(program, path=f"{os.environ.get('PATH', '')}:{SYSTEM_PATH}")
     if path is None:
         package = PACKAGES[program]
@@ -88,7 +88,7 @@ def find(program: str) -> str:
 
 
 def memory_folder(fallback: Path) -> Path:
-    """Return where the machine's memory file goes: /dev/shm if it is large and may be executed."""
+    """Return the folder of the guest's memory file: /dev/shm if large and executable."""
     shm = Path(GUEST_TMPDIR)
     try:
         state = os.statvfs(shm)
@@ -142,7 +142,7 @@ class Machine:
             os.close(fd)
 
     def serve(self) -> int:
-        """Pass output and signals on until the machine is off; return the exit status."""
+        """Forward output and signals until the machine is off; return the exit status."""
         before = {number: signal.signal(number, self._forward) for number in FORWARDED}
         try:
             self._pump()
@@ -152,7 +152,7 @@ class Machine:
         return self._status()
 
     def close(self) -> None:
-        """End every process of the machine, however it stands."""
+        """End every process of the machine in any state, and close the lines."""
         self.kill()
         self._process.wait()
         self._control.close()
@@ -160,18 +160,18 @@ class Machine:
             os.close(fd)
 
     def kill(self) -> None:
-        """Switch the machine off hard."""
+        """Kill all processes of the machine."""
         with suppress(ProcessLookupError):
             os.killpg(self._process.pid, signal.SIGKILL)
 
     def send(self, number: int) -> None:
-        """Send the command's process group a signal."""
+        """Send a signal to the command's process group."""
         self._sent.append(number)
-        with suppress(OSError):  # the machine is gone already
+        with suppress(OSError):  # the machine has ended
             self._control.sendall(json.dumps({"signal": number}).encode() + b"\n")
 
     def _forward(self, number: int, _frame: FrameType | None) -> None:
-        """Hand a signal of ours to the command; a second one, or one while booting, ends it all."""
+        """Forward a signal to the command; kill the machine at the second, or during the boot."""
         impatient = bool(self._sent) or not self._up
         self.send(number)
         if impatient:
@@ -182,7 +182,7 @@ class Machine:
             for fd in (*self._targets, self._control.fileno()):
                 selector.register(fd, selectors.EVENT_READ)
             while True:
-                off = self._process.poll() is not None  # before the last look at what it wrote
+                off = self._process.poll() is not None  # tested before the last read
                 ready = [key.fd for key, _ in selector.select(POLL_S)]
                 for fd in ready:
                     if not self._take(fd):
@@ -192,7 +192,7 @@ class Machine:
                 self._watch_time()
 
     def _take(self, fd: int) -> bool:
-        """Pass on the bytes received on one line; False at its end."""
+        """Process the bytes of one line; return False at the end of the line."""
         try:
             data = os.read(fd, CHUNK_BYTES)
         except ConnectionResetError:
@@ -209,7 +209,7 @@ class Machine:
         return bool(data)
 
     def _watch_time(self) -> None:
-        """Apply the limits: of the boot, of the command, of the power-off."""
+        """Apply the time limits of boot, command and power-off."""
         now_s = time.monotonic()
         if self._end is not None:
             if now_s > self._end_s + GRACE_S:
@@ -245,10 +245,10 @@ class Machine:
 
 @contextmanager
 def preferred(*, wanted: bool) -> Iterator[bool]:
-    """Start processes on one processor and before ordinary ones; yield whether that is allowed.
+    """Let the block start processes in SCHED_FIFO on one processor; yield whether this holds.
 
-    Every system call of a guest is a change between two processes out here: it costs half as much
-    on one processor, and a busy machine does not come between.
+    Every system call of a guest is a switch between two processes of the host. On one processor it
+    costs half as much, and SCHED_FIFO keeps ordinary processes from interrupting.
     """
     processors, policy = os.sched_getaffinity(0), os.sched_getscheduler(0)
     parameters = os.sched_getparam(0)
@@ -269,7 +269,7 @@ def preferred(*, wanted: bool) -> Iterator[bool]:
 
 
 def write_job(folder: Path, job: Job, *, realtime: bool) -> Path:
-    """Write the guest's job and its first program; return the path of the program."""
+    """Write the job file and the first program of the guest; return the program's path."""
     umask = os.umask(0o077)
     os.umask(umask)
     document = {
@@ -289,6 +289,6 @@ def write_job(folder: Path, job: Job, *, realtime: bool) -> Path:
 
 
 def write_all(fd: int, data: bytes) -> None:
-    """Write everything."""
+    """Write all data."""
     while data:
         data = data[os.write(fd, data) :]
