@@ -91,7 +91,7 @@ class FaultEntry(_Section):
     type: str
     at_s: Annotated[float, Field(ge=0)]  # from power-on, which is the first SYNC
     for_s: Annotated[float, Field(gt=0)]
-    device: Literal["arm", "imu", "star_tracker"] | None = None  # which one, if a type suits several
+    device: Literal["arm", "imu", "star_tracker"] | None = None  # which, if a type suits several
     node_id: Annotated[int, Field(ge=1, le=127)] | None = None  # of the affected joint
     size: float | None = None  # amount of the fault, in the type's unit
     rate: Annotated[float, Field(gt=0, le=1)] | None = None  # share of affected frames or chunks
