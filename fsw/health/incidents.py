@@ -1,11 +1,10 @@
-"""Findings to incidents, with hysteresis: one event when a fault begins, one when it is over.
+"""Turns findings into incidents with hysteresis: one event when a fault begins, one when it ends.
 
-An incident is open from its first finding until none has come for the recovery time. What windows
-show is known of a time only when its window has been judged, so the recovery time begins then: a
-fault that continues is one incident, however short that time. A finding that
-an open incident explains (a silent node of a bus that is off) is a consequence: counted as such, it
-keeps the incident open and raises nothing of its own. A stall of the loop explains what is found in
-it and for 0.1 s behind it, no longer: what continues is a fault of its own.
+An incident is open from its first finding until no finding came for the recovery time. For a fault
+that windows show, the recovery time is longer by a window and its lag, so that a fault that
+continues is one incident. A finding that an open incident explains (a silent node of a bus that is
+off) is a consequence: it is counted, keeps the incident open and makes no event. A stall of the
+loop explains findings in the stall and up to 0.1 s after it; later findings are other faults.
 """
 
 from collections import deque
@@ -29,7 +28,7 @@ _NODE = frozenset(
     }
 )
 _BUS = _NODE | {Fault.SYNC_LOST, Fault.BUS_SILENT}
-# what an incident explains; on the same subject, or on anything where the cause is a bus's
+# faults that an incident explains, on the same subject or, for a bus, on every node of the bus
 EXPLAINS: Mapping[Fault, frozenset[Fault]] = {
     Fault.BUS_OFF: _BUS | {Fault.BUS_ERRORS},
     Fault.BUS_SILENT: _BUS,
@@ -57,8 +56,8 @@ EXPLAINS: Mapping[Fault, frozenset[Fault]] = {
     Fault.ACC_STUCK: frozenset({Fault.ACC_INCONSISTENT, Fault.ACC_SPIKE}),
     Fault.ACC_INCONSISTENT: frozenset({Fault.ACC_SPIKE}),
 }
-# what a stall of the loop explains: all that a clock shows, samples there was no room for, and the
-# work that has waited
+# faults that a stall of the loop explains: those that a clock shows, samples that found no room,
+# and the work that has waited
 OF_A_STALL = frozenset(
     {
         Fault.LOOP_OVER_BUDGET,
@@ -77,8 +76,8 @@ OF_A_STALL = frozenset(
     }
 )
 LOOP = "loop"
-STALL_EFFECT_NS = 100_000_000  # what is found later than this behind a stall has another cause
-MOST_STALLS = 64  # remembered
+STALL_EFFECT_NS = 100_000_000  # a finding later than this after a stall has another cause
+MOST_STALLS = 64  # most stalls remembered
 WINDOWED = frozenset(
     {
         Fault.ENCODER_SPIKE,
@@ -107,9 +106,9 @@ class Incidents:
 
     Parameters
     ----------
-    recover_ns : an incident without a finding for so long is over
-    bus_of : the bus of every joint, by name
-    window_ns : a window and the lag behind which it is judged
+    recover_ns : an incident without a finding for this long is over
+    bus_of : name of the bus by name of the node
+    window_ns : length of a window plus the lag after which it is judged
     """
 
     def __init__(self, recover_ns: int, bus_of: Mapping[str, str], window_ns: int) -> None:
@@ -122,13 +121,13 @@ class Incidents:
         self._stalls: deque[tuple[int, int]] = deque(maxlen=MOST_STALLS)
 
     def stalled(self, start_ns: int, end_ns: int, now_ns: int) -> Event | None:
-        """Count a stall of the loop; what is found in it and shortly behind is its consequence."""
+        """Count a stall of the loop, which explains findings in it and shortly after it."""
         self._stalls.append((start_ns, end_ns + STALL_EFFECT_NS))
         text = f"no processor for {(end_ns - start_ns) * 1e-6:.0f} ms"
         return self.take(Finding(end_ns, Fault.LOOP_STALLED, LOOP, text), now_ns)
 
     def take(self, finding: Finding, now_ns: int) -> Event | None:
-        """Count one finding; return the event, stamped now, of an incident it opens."""
+        """Count one finding; return the event of the incident that the finding opens, else None."""
         fault, subject, t_ns = finding.fault, finding.subject, finding.t_ns
         cause = self._cause(finding)
         if cause is not None:
@@ -150,7 +149,7 @@ class Incidents:
         return Event(now_ns, severity(fault), str(fault), text)
 
     def advance(self, now_ns: int) -> list[Event]:
-        """Close incidents without a finding for the recovery time; return their events."""
+        """Close incidents that had no finding for the recovery time; return their events."""
         if not self._open:
             return []
         events = []
@@ -190,7 +189,7 @@ class Incidents:
             cause.consequences[fault] = cause.consequences.get(fault, 0) + 1
 
     def _is_of_a_stall(self, finding: Finding) -> bool:
-        """Return whether a stall explains a finding; the stall itself is not extended by it."""
+        """Return whether a stall explains a finding; the finding does not extend the stall."""
         if finding.fault not in OF_A_STALL:
             return False
         return any(start <= finding.t_ns <= end for start, end in self._stalls)

@@ -1,7 +1,7 @@
-"""The daemon's health: findings in, marks on windows and events out.
+"""The daemon's health: turns findings into events and marks faulty channels of windows.
 
-Whatever changes an estimate depends on stamped samples and windows alone, so a replay isolates the
-same samples. Silence and overruns, which only a clock shows, change nothing but events.
+Only stamped samples and windows decide what the estimator uses, so a replay excludes the same
+samples. Silence and overruns, which only a clock shows, make events and nothing else.
 """
 
 from collections.abc import Iterable
@@ -18,10 +18,10 @@ SLIP_WINDOW_S = 0.5
 
 
 class Finder(Protocol):
-    """A part that finds something wrong now and then."""
+    """A part of the daemon that makes findings."""
 
     def findings(self) -> Iterable[Finding]:
-        """Return and forget what was found."""
+        """Return the findings since the last call."""
         ...
 
 
@@ -39,16 +39,16 @@ class Health:
         self._slip_ticks = max(1, round(SLIP_WINDOW_S * config.scheduler.tick_rate_hz))
         self._slip_limit = max(1, round(settings.slip_ratio * self._slip_ticks))
         self._slip_start = (0, 0)  # tick index, slips
-        self._longest_stall = 0  # slips of it, since then
+        self._longest_stall = 0  # slips of the longest stall since then
         self._waiting: list[Finding] = []
         self._events: list[Event] = []
 
     def screen(self, samples: Samples) -> Samples:
-        """Return samples without the values of sensors that are stuck."""
+        """Return samples with the values of stuck sensors replaced by NaN."""
         return samples if self._stuck is None else self._stuck.screen(samples)
 
     def take(self, findings: Iterable[Finding], now_ns: int) -> None:
-        """Accept findings in order."""
+        """Accept findings in order and keep the events of new incidents."""
         for finding in findings:
             event = self._incidents.take(finding, now_ns)
             if event is not None:
@@ -63,19 +63,19 @@ class Health:
                 self._events.append(event)
 
     def over_budget(self, worked_ns: int, now_ns: int) -> None:
-        """Accept the longest work of a tick, where it took longer than the budget; 0: none did."""
+        """Accept the longest work of a tick that exceeded the budget [ns]; 0: none did."""
         if worked_ns:
             text = f"{worked_ns * 1e-6:.1f} ms of work in a tick"
             self.take([Finding(now_ns, Fault.LOOP_OVER_BUDGET, LOOP, text)], now_ns)
 
     def judge(self, window: Window) -> Window:
-        """Return the window with implausible channels marked as missing."""
+        """Return the window with implausible channels marked missing; keep the findings."""
         window, findings = self._rotation.judge(window)
         self._waiting += findings
         return window
 
     def tick(self, index: int, slips: int, now_ns: int) -> None:
-        """Look at the loop's own slips, and close incidents that are over."""
+        """Accept waiting findings, judge the loop's slips and close incidents that are over."""
         waiting, self._waiting = self._waiting, []
         if self._stuck is not None:
             waiting += self._stuck.take()
@@ -89,7 +89,7 @@ class Health:
         self._events += self._incidents.advance(now_ns)
 
     def events(self) -> list[Event]:
-        """Return and forget the events since the last call."""
+        """Return the events since the last call."""
         events, self._events = self._events, []
         return events
 

@@ -1,10 +1,10 @@
-"""Gyro and star tracker watch each other: the rotation between two solutions is known twice.
+"""Cross-check of gyro and star tracker: both give the rotation between two solutions.
 
-The last trusted attitude, turned on by the gyro, predicts the next solution. One that is off while
-the solutions after it agree with it is the tracker's fault (another star field, a flip); if pair
-after pair is off, it is the rate between them that is wrong, the gyro's. Pairs that turn as far as
-the gyro says, but about other axes, come from no fault of a sensor: a rotation or mounting is
-configured wrongly, and the gyro is left alone.
+The last trusted attitude, turned by the integrated gyro rate, predicts the next solution. If one
+solution is off and later ones agree with it, the tracker is at fault (another star field, a flip).
+If pair after pair of solutions is off, the rate between them is wrong and the gyro is at fault. If
+pairs turn by the gyro's angle but about another axis, no sensor is at fault: a rotation or mounting
+is configured wrongly, and the gyro is still used.
 """
 
 from dataclasses import replace
@@ -17,24 +17,24 @@ from fsw.messages import FloatArray, Window
 from fsw.messages.findings import Fault, Finding
 
 TRACKER = "star_tracker"
-SIGMAS = 8.0  # of all that is white in the comparison
+SIGMAS = 8.0  # of the white noise in the comparison
 SPIKE_SIGMAS = 8.0  # a single reading this far from its neighbours' median is not integrated
 MEDIAN_OF = 5
-TIMING_S = 0.005  # how far the two sensors' times may be apart
-FLIP_RAD = 2.0  # no jump of a star field but half a turn is larger
-GYRO_PAIRS = 2  # pairs off in a row that show the gyro's fault, and good ones that end it
-# Pairs of one size about other axes. A gyro that errs across its turn by as much as it turns is 41
-# per cent too fast: at turns of ten sigma and more that is never taken for the same size.
-SAME_RATIO = 0.05  # of a turn, and two sigma: two of so like a size are the same turn
+TIMING_S = 0.005  # largest time error between the two sensors
+FLIP_RAD = 2.0  # half a turn is larger, a jump to another star field is smaller
+GYRO_PAIRS = 2  # bad pairs in a row that show a fault of the gyro, and good pairs that end it
+# Turns of the same size about another axis. A gyro error across the turn and as large as the turn
+# makes the rate 41 % too high: for turns of ten sigma and more this is never the same size.
+SAME_RATIO = 0.05  # of a turn, plus two sigma: turns that differ by less have the same size
 CLEAR_SIGMAS = 10.0  # of noise: smaller turns show nothing
-TURNED_PAIRS = 5  # in a row
-RETRUST = 50  # solutions in a row that agree with one another and not with what was trusted
-RETRUST_NEAR = 5  # likewise where they are so near that a short fault of the gyro explains it
-TURN_LIMIT_RAD = 0.2  # a step between two solutions that a gyro may have got wrong
+TURNED_PAIRS = 5  # pairs in a row that show a wrong configuration
+RETRUST = 50  # solutions in a row that agree with one another, not with the trusted one
+RETRUST_NEAR = 5  # the same, if a short fault of the gyro explains the difference
+TURN_LIMIT_RAD = 0.2  # largest error of a gyro between two solutions
 
 
 class RotationMonitor:
-    """Judges the solutions and the gyro of every window.
+    """Judges the attitude solutions and the gyro of every window.
 
     Rotations are quaternions xyzw; rates in base axes.
     """
@@ -51,10 +51,10 @@ class RotationMonitor:
         self._bias = SIGMAS * imu.gyro_bias_sigma_rad_s
         self._trusted: tuple[int, FloatArray] | None = None  # time, q_NB
         self._newest: tuple[int, FloatArray] | None = None  # last solution, right or wrong
-        self._since_trusted = np.zeros(3)  # integral of the rate since then, to the window's start
+        self._since_trusted = np.zeros(3)  # integral of the rate since `_trusted` [rad]
         self._since_newest = np.zeros(3)
         self._bad_pairs = self._good_pairs = self._off = 0
-        self._turned_pairs = 0  # bad ones in a row that are of the gyro's size
+        self._turned_pairs = 0  # bad pairs in a row that turn by the gyro's angle
         self._misread = False  # a rotation or mounting is configured wrongly
         self._from_ns = 0  # end of the integrals
         self.gyro_faulty = False
@@ -93,12 +93,12 @@ class RotationMonitor:
         return window, [f for f in findings if f.text]
 
     def _forget(self) -> None:
-        """Restart: without the gyro nothing ties the next solution to the last."""
+        """Discard the history: without the gyro the next solution cannot be predicted."""
         self._trusted = self._newest = None
         self._bad_pairs = self._good_pairs = self._off = self._turned_pairs = 0
 
     def _turn(self, t_ns: np.ndarray, rates: FloatArray, start_ns: int, stop_ns: int) -> None:
-        """Extend the integrals of the rate from start to stop, by the mean of the samples there."""
+        """Extend both integrals of the rate from start to stop by the mean rate in between."""
         inside = (t_ns >= start_ns) & (t_ns < stop_ns)
         if inside.any():
             rate = rates[inside].mean(axis=0)
@@ -109,7 +109,7 @@ class RotationMonitor:
         self._since_newest = self._since_newest + step
 
     def _solution(self, t_ns: int, q: FloatArray) -> Finding | None:
-        """Judge one solution; a finding without text marks a solution not to use yet."""
+        """Judge one solution; return its fault, or None. A finding without text is not reported."""
         if self._trusted is None or self._newest is None:
             self._trust(t_ns, q)
             self._follow(t_ns, q)
@@ -146,7 +146,7 @@ class RotationMonitor:
         return Finding(t_ns, fault, TRACKER, text)
 
     def _is_turned(self, pair: float, q: FloatArray) -> bool:
-        """Return whether the newest solution turned to this one by the gyro's angle, not axis."""
+        """Return whether the turn to this solution has the gyro's angle but another axis."""
         if self._newest is None:
             return False
         between = _product(_conjugate(self._newest[1]), q)
@@ -176,7 +176,7 @@ class RotationMonitor:
     def _distance(
         self, start: tuple[int, FloatArray], turned: FloatArray, t_ns: int, q: FloatArray
     ) -> tuple[float, float]:
-        """Return the angle between prediction and solution, and what noise explains of it."""
+        """Return the angle between prediction and solution, and the angle that noise explains."""
         elapsed_s = (t_ns - start[0]) * 1e-9
         between = _product(_conjugate(start[1]), q)
         error = _product(_conjugate(_quaternion(turned)), between)
@@ -184,18 +184,18 @@ class RotationMonitor:
         spread = np.sqrt(self._pair_variance + self._walk_variance * max(elapsed_s, 0.0))
         rate = float(np.linalg.norm(turned)) / max(elapsed_s, 1e-3)
         limit = SIGMAS * float(spread) + self._bias * elapsed_s + rate * TIMING_S
-        # angles add up like the halves of a sphere's arcs: second order in what was turned
+        # summing rates as vectors makes an error of second order in the turned angle
         return angle, limit + 0.5 * float(turned @ turned) * min(elapsed_s, 1.0)
 
 
 def without_spikes(values: FloatArray, limit: float) -> FloatArray:
-    """Return values (k, 3) with what is far from the median of five replaced by that median."""
+    """Return values (k, 3); a value farther than `limit` from its median of five becomes it."""
     if len(values) < MEDIAN_OF:
         return values
     side, k = MEDIAN_OF // 2, len(values)
     padded = np.concatenate([values[side:0:-1], values, values[-2 : -2 - side : -1]])
     a, b, c, d, e = (padded[i : i + k] for i in range(MEDIAN_OF))
-    # what is neither least nor greatest of four, and the fifth; of NaN comes NaN, as of np.median
+    # the middle two of four and the fifth give the median; NaN gives NaN, as with np.median
     a, b, c, d = np.minimum(a, b), np.maximum(a, b), np.minimum(c, d), np.maximum(c, d)
     low, high = np.maximum(a, c), np.minimum(b, d)
     middle = np.maximum(np.minimum(low, high), np.minimum(np.maximum(low, high), e))
@@ -217,7 +217,7 @@ def _conjugate(q: FloatArray) -> FloatArray:
 
 def _product(a: FloatArray, b: FloatArray) -> FloatArray:
     """Return the Hamilton product: rotation b, then a."""
-    ax, ay, az, aw = a.tolist()  # numpy takes ten times as long with so few
+    ax, ay, az, aw = a.tolist()  # numpy is ten times slower for so few numbers
     bx, by, bz, bw = b.tolist()
     x = aw * bx + bw * ax + (ay * bz - az * by)
     y = aw * by + bw * ay + (az * bx - ax * bz)
@@ -226,7 +226,7 @@ def _product(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def _quaternion(turn_rad: FloatArray) -> FloatArray:
-    """Return the quaternion of a rotation vector."""
+    """Return the quaternion of a rotation vector [rad]."""
     x, y, z = turn_rad.tolist()
     half = 0.5 * sqrt(x * x + y * y + z * z)
     share = 0.5 * sin(half) / half if half else 0.5

@@ -1,8 +1,8 @@
-"""Sensors that repeat themselves: a live one has noise, so equal readings in a row give it away.
+"""Detection of stuck sensors: a working sensor has noise, so equal readings in a row show a fault.
 
 The difference of two readings of a channel with white noise of sigma s, rounded to steps of q, is
 zero with probability below q / (s sqrt(2 pi)); k equal readings in a row are then less likely than
-that to the power k - 1. The bound is taken for a sensor three times quieter than declared.
+that to the power k - 1. The bound assumes a sensor three times quieter than configured.
 """
 
 import math
@@ -16,16 +16,16 @@ from fsw.config import Config
 from fsw.messages import FloatArray, ImuSamples, IntArray, JointSamples, Samples
 from fsw.messages.findings import Fault, Finding
 
-FALSE_ALARM = 1e-12  # per sample
+FALSE_ALARM = 1e-12  # probability per sample
 QUIETER = 3.0
 TORQUE_STEP_NM: Mapping[str, float] = {"classic": 1e-2, "fd": 1e-4}
 CLUSTER_SAMPLES = 3  # equal vectors of three noisy 24-bit readings: below 1e-12 for any real unit
 NEVER = 1 << 62
-REPEAT_NS = 100_000_000  # what is still stuck is reported again after so long
+REPEAT_NS = 100_000_000  # a sensor that is still stuck is reported again after this time
 
 
 def equal_readings(step: float, sigma: float) -> int:
-    """Return how many equal readings in a row no live sensor gives; 0: it may be that quiet."""
+    """Return how many equal readings in a row show a stuck sensor; 0: no number does."""
     chance = QUIETER * step / (sigma * math.sqrt(2.0 * math.pi))
     if chance > 0.5:
         return 0
@@ -33,7 +33,7 @@ def equal_readings(step: float, sigma: float) -> int:
 
 
 class _Runs:
-    """Equal readings in a row of channels of one kind, over batches."""
+    """Counts equal readings in a row of channels of one kind, across batches."""
 
     def __init__(self, limits: Sequence[int], width: int) -> None:
         self._limits = np.array([limit or NEVER for limit in limits])
@@ -42,11 +42,11 @@ class _Runs:
         self._reported_ns: dict[int, int] = {}
 
     def stuck(self, channel: IntArray, readings: FloatArray) -> IntArray:
-        """Accept readings (k, width) of channels (k,), in order of channel.
+        """Accept readings (k, width) of channels (k,), sorted by channel.
 
         Returns
         -------
-        (k,) the length of the run each reading stands in, 0 where it is not stuck.
+        (k,) number of equal readings up to each reading, 0 where the channel is not stuck.
         """
         size = len(readings)
         first = np.ones(size, np.bool_)
@@ -63,14 +63,14 @@ class _Runs:
         place = np.arange(size)
         start = np.maximum.accumulate(np.where(first | ~same, place, 0))
         counts = place - start + 1
-        counts += np.where(same[start], self._counts[channel], 0)  # a run of the batch before
+        counts += np.where(same[start], self._counts[channel], 0)  # runs of the batch before
         self._newest[channel[tails]], self._counts[channel[tails]] = readings[tails], counts[tails]
         return np.where(counts >= self._limits[channel], counts, 0)
 
     def reports(
         self, channel: IntArray, counts: IntArray, t_ns: IntArray
     ) -> Iterator[tuple[int, int, int]]:
-        """Yield channel, time and length of runs to report: newly stuck, and long ones again."""
+        """Yield channel, time and length of runs: when newly stuck, then every `REPEAT_NS`."""
         if not (self._reported_ns or np.count_nonzero(counts)):
             return
         rows = zip(channel.tolist(), counts.tolist(), t_ns.tolist(), strict=True)
@@ -83,7 +83,7 @@ class _Runs:
 
 
 class StuckScreen:
-    """Takes stuck torques, rates and forces out of samples."""
+    """Replaces stuck torques, rates and specific forces in samples by NaN."""
 
     def __init__(self, config: Config) -> None:
         self._joints = [joint.name for joint in config.joints]
@@ -96,12 +96,12 @@ class StuckScreen:
         self._found: list[Finding] = []
 
     def take(self) -> list[Finding]:
-        """Return and forget what was found."""
+        """Return the findings since the last call."""
         found, self._found = self._found, []
         return found
 
     def screen(self, samples: Samples) -> Samples:
-        """Return the samples without their stuck values."""
+        """Return the samples with their stuck values replaced by NaN."""
         received_ns = samples.t_receive_ns
         if isinstance(samples, JointSamples):
             torque = samples.torque_nm[:, None]
@@ -136,7 +136,7 @@ class StuckScreen:
         fault: Fault,
         subjects: Sequence[str],
     ) -> NDArray[np.bool_]:
-        """Return (k,) which values are stuck, and note what is to be reported."""
+        """Return (k,) which values are stuck, and keep the findings."""
         stuck = np.zeros(len(values), np.bool_)
         usable = np.flatnonzero(~np.isnan(values[:, 0]))
         order = usable[np.argsort(channel[usable], kind="stable")]

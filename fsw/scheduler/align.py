@@ -1,7 +1,7 @@
-"""Samples to windows: every channel over one common interval, with missing and stale marks.
+"""Sorting of samples into windows: all channels over one interval, with missing and stale marks.
 
-Window k is [t0 + k T, t0 + (k + 1) T) by time of validity and closes at its end + lag. Which
-samples it holds depends on recorded stamps only, never on when the loop looked.
+Window k holds the samples valid in [t0 + k T, t0 + (k + 1) T) and closes at its end plus the lag.
+The stamps alone decide which samples a window holds, not the times at which the loop ran.
 """
 
 from collections.abc import Sequence
@@ -27,24 +27,24 @@ from fsw.messages import (
 )
 
 FRESHNESS_PERIODS = 5.0  # a channel silent for longer than this many sample periods is stale
-SPARE_WINDOWS = 3  # a sample valid by more than these after it was received is absurd
-_ONLY = np.zeros(1, np.int64)  # the one channel of a kind
-MAX_WAITING = 16384  # samples that are not sorted in yet
+SPARE_WINDOWS = 3  # a sample valid more than this many windows after its receipt is invalid
+_ONLY = np.zeros(1, np.int64)  # channel index of a kind with one channel
+MAX_WAITING = 16384  # most samples that are not sorted in yet
 
 
 @dataclass(frozen=True, slots=True)
 class AlignCounters:
-    """Samples left out of their windows."""
+    """Numbers of samples left out of their windows."""
 
     late: dict[str, int]  # by source: valid in a closed window, or received after its deadline
     early: int  # valid before the first window
-    future: int  # valid absurdly late
-    overflow: int  # more than a window can hold
+    future: int  # valid more than SPARE_WINDOWS after their receipt
+    overflow: int  # found no room in their window
 
 
 @dataclass(slots=True)
 class _Channel:
-    """Bounds of one channel in a window, and its newest sample."""
+    """Limits of one channel's samples in a window, and the time of its newest sample."""
 
     min_count: int
     max_count: int
@@ -52,7 +52,7 @@ class _Channel:
     newest_ns: int | None = None
 
     def window(self, t_ns: IntArray, values: FloatArray, stop_ns: int) -> ChannelWindow:
-        """Return the channel's samples of a window, given in order of arrival."""
+        """Return a window of the channel from samples in order of arrival, sorted by time."""
         if (t_ns[1:] < t_ns[:-1]).any():
             order = np.argsort(t_ns, kind="stable")
             t_ns, values = t_ns[order], values[order]
@@ -67,14 +67,14 @@ class _Channel:
 
 
 class _Bins:
-    """Samples of channels of one kind in open windows, in order of arrival."""
+    """Samples of all channels of one kind in the open windows, in order of arrival."""
 
     def __init__(self, width: int, channels: Sequence[_Channel]) -> None:
         self._width = width
         self._channels = tuple(channels)
         self._max_counts = np.array([channel.max_count for channel in channels])
         self._parts: dict[int, list[tuple[IntArray, IntArray, FloatArray]]] = {}
-        self._counts: dict[int, IntArray] = {}  # samples of each channel, by window
+        self._counts: dict[int, IntArray] = {}  # number of samples of each channel, by window
 
     def add(self, index: int, channel: IntArray, t_ns: IntArray, values: FloatArray) -> int:
         """Put samples in a window; return how many found no room."""
@@ -97,7 +97,7 @@ class _Bins:
         return int(np.maximum(excess, 0).sum())
 
     def close(self, index: int, stop_ns: int) -> tuple[ChannelWindow, ...]:
-        """Return a window's samples of every channel; it is not open any more."""
+        """Close a window and return its samples of every channel."""
         self._counts.pop(index, None)
         parts = self._parts.pop(index, None)
         if parts is None:
@@ -115,10 +115,10 @@ class _Bins:
 
 
 class Aligner:
-    """Collect samples and hand out closed windows, in order and without gaps.
+    """Collects samples and returns closed windows, in order and without gaps.
 
-    Samples are sorted into windows when one closes, all of a kind at once: which window holds a
-    sample, and whether it is late, depends on its stamps alone.
+    Samples are sorted in when a window closes, all of a kind at once. The window of a sample, and
+    whether the sample is late, depend on its stamps alone.
     """
 
     def __init__(self, config: Config, n_joints: int) -> None:
@@ -140,7 +140,7 @@ class Aligner:
         self._joint_names = [joint.name for joint in config.joints[:n_joints]]
         self._gyro = _Bins(3, [channel(config.imu.rate_hz)])
         self._acc = _Bins(3, [channel(config.imu.rate_hz)])
-        slow = [  # known from the windows before too
+        slow = [  # one sample is enough: earlier windows show the state too
             _Channel(
                 min_count=1,
                 max_count=int(4 * rate_hz * window_s) + 16,
@@ -157,7 +157,7 @@ class Aligner:
         tracker = config.star_tracker
         self._attitude = _Bins(4, [channel(tracker.rate_hz if tracker else 1.0)])
         self._t0_ns: int | None = None
-        self._grid_ns: int | None = None  # of a run before, to be continued
+        self._grid_ns: int | None = None  # start of window 0 of an earlier run that continues
         self._next = 0
         self._pushed: dict[type[Any], list[Any]] = {}  # samples not sorted in yet, by kind
         self._pushed_count = 0
@@ -174,7 +174,7 @@ class Aligner:
         return self._t0_ns is not None
 
     def counters(self) -> AlignCounters:
-        """Return the counts of samples and windows left out so far."""
+        """Return the numbers of samples left out of their windows so far."""
         self._sort_in()
         return AlignCounters(dict(self._late), self._early, self._future, self._overflow)
 
@@ -184,14 +184,14 @@ class Aligner:
         return self._next
 
     def first_after(self, t_ns: int) -> int:
-        """Return the index of the first window that begins at a time or after it."""
+        """Return the index of the first window that begins at a time or later; 0 before start."""
         if self._t0_ns is None:
             return 0
         return max(self._next, -((self._t0_ns - t_ns) // self._window_ns))
 
     @property
     def deadline_ns(self) -> int | None:
-        """Receive stamp after which the next window takes nothing more; None before the start."""
+        """Receive stamp after which the next window accepts no sample; None before the start."""
         return None if self._t0_ns is None else self._deadline(self._next)
 
     @property
@@ -200,13 +200,13 @@ class Aligner:
         return self._t0_ns if self._t0_ns is not None else self._grid_ns
 
     def resume(self, grid_ns: int) -> None:
-        """Have the windows lie on the grid of a run before; it must lie in the past."""
+        """Continue the grid of windows of an earlier run, which began at `grid_ns` in the past."""
         self._grid_ns = grid_ns
 
     def start(self, first_ns: int) -> None:
-        """Fix the grid of windows at the first SYNC; samples pushed before are sorted in.
+        """Begin the grid of windows at the first SYNC; raise ValueError if it has begun.
 
-        A resumed grid stays as it is; its next window is the first that begins after the SYNC.
+        A resumed grid is kept; the next window is the first that begins at the SYNC or later.
         """
         if self._t0_ns is not None:
             raise ValueError(f"already started at {self._t0_ns} ns")
@@ -216,7 +216,7 @@ class Aligner:
             self._next = -((self._grid_ns - first_ns) // self._window_ns)
 
     def push(self, samples: Samples) -> None:
-        """Accept samples for the windows their times of validity lie in."""
+        """Accept samples; those that find no room before the start are counted as overflow."""
         if self._pushed_count >= MAX_WAITING:
             if self._t0_ns is None:
                 self._overflow += len(samples)
@@ -226,7 +226,7 @@ class Aligner:
         self._pushed_count += len(samples)
 
     def _sort_in(self) -> None:
-        """Sort what was pushed into the windows."""
+        """Sort the pushed samples into their windows."""
         if self._t0_ns is None:
             return
         pushed, self._pushed, self._pushed_count = self._pushed, {}, 0
@@ -268,9 +268,9 @@ class Aligner:
             self._late["star_tracker"] += int(late.sum())
 
     def close(self, now_ns: int, limit: int | None = None) -> list[Window]:
-        """Close every window whose deadline has come; empty ones too, marked missing.
+        """Close and return every window whose deadline has come; an empty one is marked missing.
 
-        None is closed from index `limit` on.
+        Windows from index `limit` on stay open.
         """
         windows: list[Window] = []
         if self._t0_ns is None:
@@ -309,7 +309,7 @@ class Aligner:
         received_ns: IntArray,
         values: FloatArray,
     ) -> NDArray[np.bool_]:
-        """Store values (k, width) of some channels; return (k,) which came too late."""
+        """Store values (k, width) of channels of one kind; return (k,) which came too late."""
         channel = np.broadcast_to(channel, t_ns.shape)
         t0_ns = self._t0_ns or 0
         index = (t_ns - t0_ns) // self._window_ns

@@ -1,4 +1,4 @@
-"""The fixed-rate executive: an absolute grid, one wait per tick; slips are counted, not made up."""
+"""The fixed-rate executive: one wait per tick of an absolute grid; slips are only counted."""
 
 from collections.abc import Callable, Sequence
 
@@ -7,7 +7,7 @@ from fsw.messages.findings import Stall
 from fsw.scheduler.tasks import Slips, Task, TaskTimes, Tick, is_due
 
 NEVER_NS = 1 << 62
-TIMED_TICKS = 5  # tasks are timed one by one in every fifth tick: a clock may be a system call
+TIMED_TICKS = 5  # tasks are timed in every fifth tick only: reading a clock costs time
 MAX_EARLY_WAKES = 64  # per tick; a descriptor that stays readable must not spin the loop
 
 
@@ -32,12 +32,12 @@ class Executive:
     period_ns : tick period [ns]
     tasks : table; every row whose rate group is due runs, in table order
     wake_fds : descriptors that may end the wait early
-    drain : run after an early wake, nothing else; then the wait continues
+    drain : the only function that runs after an early wake; then the wait continues
     cpu_time_ns : processor time of this thread [ns]; separates the loop's own work from a stall
-    held_ns : returns and forgets how long the kernel held this thread for work that is not its own:
-        counted as its processor time, and no work of the loop's
-    stall_ns : a wake so late without work of the loop's own is a stall
-    budget_ns : processor time that the work of a tick may take
+    held_ns : time since the last call in which the kernel used this thread for other work [ns];
+        it is subtracted from the thread's processor time
+    stall_ns : a wake this late that the loop's own work does not explain is a stall [ns]
+    budget_ns : processor time that the work of a tick may use [ns]
     """
 
     def __init__(
@@ -62,9 +62,9 @@ class Executive:
         self._drain = drain
         self._cpu_time_ns, self._held_ns = cpu_time_ns, held_ns
         self._stall_ns, self._budget_ns = stall_ns, budget_ns
-        self._began_ns = 0  # the newest tick
+        self._began_ns = 0  # wake of the newest tick
         self._began_cpu_ns = 0  # processor time when the wait for it began
-        self._longest_ns = 0  # work over the budget since it was last taken
+        self._longest_ns = 0  # longest work over the budget since the last report
         self._stalls: list[Stall] = []
         self._t0_ns: int | None = None
         self._index = -1
@@ -78,7 +78,7 @@ class Executive:
         return self._t0_ns + (self._index + 1) * self._period_ns
 
     def step(self) -> Tick:
-        """Wait for the next grid point, skip the missed ones, run what is due."""
+        """Wait for the next grid point, skip missed points, run the due tasks; return the tick."""
         tick = self._wait()
         previous, self._index = self._index, tick.index
         self.slips.ticks += 1
@@ -96,20 +96,20 @@ class Executive:
         return tick
 
     def take_stalls(self) -> list[Stall]:
-        """Return and forget the stalls since the last call."""
+        """Return the stalls since the last call."""
         stalls, self._stalls = self._stalls, []
         return stalls
 
     def take_over_budget_ns(self) -> int:
-        """Return and forget the longest work over the budget since the last call [ns]; 0: none."""
+        """Return the longest work over the budget since the last call [ns]; 0: none."""
         longest_ns, self._longest_ns = self._longest_ns, 0
         return longest_ns
 
     def _is_over_budget(self, worked_ns: int) -> bool:
-        """Return whether the work since the newest tick took too long, interruptions left out.
+        """Return whether the work since the newest tick was longer than the budget.
 
-        A virtual machine that was stopped counts a part of that time as the thread's: what lies
-        over the budget has to be more than the time without a processor.
+        A virtual machine that was stopped counts part of the stop as the thread's processor time.
+        Therefore the excess must be longer than the time in which the thread had no processor.
         """
         if worked_ns <= self._budget_ns:
             return False

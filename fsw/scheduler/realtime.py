@@ -1,4 +1,4 @@
-"""Real-time settings of a process, each best effort: what the system refuses is reported."""
+"""Real-time settings of a process; a setting that the system refuses is reported."""
 
 import ctypes
 import gc
@@ -19,7 +19,7 @@ def prepare(
     ----------
     cpu : the only processor to run on; None: any
     priority : of SCHED_FIFO; 0: none
-    keys : what the configuration calls the two, in its section `scheduler`
+    keys : names of these two in the configuration's section `scheduler`
     """
     refused = []
     libc = ctypes.CDLL(None, use_errno=True)
@@ -41,15 +41,15 @@ def prepare(
 
 
 def keep_awake(latency_us: int) -> int:
-    """Let no processor fall into a sleep that takes longer to wake from; as cyclictest does.
+    """Keep processors out of sleep states that need longer than `latency_us` [us] to wake.
 
     Returns
     -------
-    A descriptor: the kernel keeps to it (power management quality of service) until it is closed.
+    A descriptor: the kernel obeys the limit (PM QoS) until the descriptor is closed.
 
     Raises
     ------
-    OSError where this is not permitted, or the kernel has no such interface.
+    OSError when this is not permitted, or the kernel has no such interface.
     """
     fd = os.open(LATENCY_DEVICE, os.O_WRONLY | os.O_CLOEXEC)
     try:
@@ -61,11 +61,11 @@ def keep_awake(latency_us: int) -> int:
 
 
 def freeze_garbage() -> None:
-    """Keep the collector away from everything made so far, and from running by itself."""
+    """Stop automatic garbage collection and exempt every object made so far from collection."""
     gc.disable()
     gc.freeze()
 
 
 def collect_young() -> None:
-    """Collect recent cycles only; what is frozen is never looked at."""
+    """Collect garbage of the two young generations; frozen objects are not examined."""
     gc.collect(1)

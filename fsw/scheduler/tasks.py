@@ -10,14 +10,14 @@ class Tick:
 
     index: int  # position on the absolute grid; skipped ticks leave gaps
     due_ns: int  # grid time
-    now_ns: int  # when the loop really woke, read before anything is drained
+    now_ns: int  # when the loop woke, read before any input is drained
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
     """One row of the table; rows run in table order.
 
-    `phase` is when in its group's period a task runs [ticks], so that not all fall on one tick.
+    `phase` delays a task within its group's period [ticks], so that not all tasks run in one tick.
     """
 
     name: str
@@ -31,21 +31,21 @@ class Task:
 
 
 BIN_NS = 10_000
-BINS = 2000  # the last holds everything longer
+BINS = 2000  # the last bin holds all longer times
 
 
 @dataclass(slots=True)
 class TaskTimes:
-    """Time one task took [ns]."""
+    """Statistics of the time that one task needs [ns]."""
 
     count: int = 0
     last_ns: int = 0
     total_ns: int = 0
     max_ns: int = 0
-    bins: list[int] = field(default_factory=lambda: [0] * BINS)  # runs by time, in BIN_NS
+    bins: list[int] = field(default_factory=lambda: [0] * BINS)  # runs by time, in bins of BIN_NS
 
     def add(self, elapsed_ns: int) -> None:
-        """Account for one run."""
+        """Add the time of one run."""
         self.count += 1
         self.last_ns = elapsed_ns
         self.total_ns += elapsed_ns
@@ -53,7 +53,7 @@ class TaskTimes:
         self.bins[min(max(elapsed_ns, 0) // BIN_NS, BINS - 1)] += 1
 
     def quantile_ns(self, ratio: float) -> int:
-        """Return the time that a ratio of the runs did not exceed, to 10 us [ns]; 0 before any."""
+        """Return the time [ns] that a ratio of the runs did not exceed, to 10 us; 0: no run yet."""
         wanted, seen = ratio * self.count, 0
         for k, count in enumerate(self.bins):
             seen += count
@@ -69,7 +69,7 @@ class TaskTimes:
 
 @dataclass(slots=True)
 class Slips:
-    """How the loop kept its grid."""
+    """Statistics of how well the loop kept its grid."""
 
     ticks: int = 0  # ticks run
     slips: int = 0  # grid points skipped because the loop was late
