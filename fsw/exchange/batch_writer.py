@@ -1,4 +1,4 @@
-"""Many messages of one length into an MCAP file at once."""
+"""Writes many messages of one length to an MCAP file at once."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -9,12 +9,12 @@ from mcap.records import MessageIndex
 from mcap.writer import Writer
 from numpy.typing import NDArray
 
-MOST_AT_ONCE = 512  # messages, so that a chunk is not much longer than it is to be
+MOST_AT_ONCE = 512  # messages, so that a chunk is not much longer than configured
 _HEAD_BYTES = 22  # of a message before its data: channel, sequence, two times
 
 
 class BatchWriter(Writer):
-    """Extends the library's writer, which takes some 20 us for each message.
+    """Extends the library's writer, which needs some 20 us for each message.
 
     It uses private members of the library: the builder of a chunk and the statistics. A test
     compares the file with one that the library writes alone, byte by byte.
@@ -27,13 +27,13 @@ class BatchWriter(Writer):
         data: NDArray[np.uint8],
         sequence: int,
     ) -> None:
-        """Add messages of one channel, published when logged.
+        """Add messages of one channel; their publish times are their log times.
 
         Parameters
         ----------
-        log_times_ns : (k,), none negative
-        data : (k, n) bytes of each
-        sequence : number of the first
+        log_times_ns : (k,), not negative
+        data : (k, n) bytes, one message per row
+        sequence : number of the first message
         """
         records = _records(channel_id, log_times_ns, data, sequence)
         times_ns = log_times_ns.tolist()

@@ -1,4 +1,4 @@
-"""Checkpoints: an estimator's state as bytes that can be trusted, and what refuses them.
+"""Checkpoints: an estimator's state as bytes, with checks that refuse damaged and foreign ones.
 
 Layout, little-endian: magic (8), format version u16, CRC-32 of the configuration u32, CRC-32 of the
 robot's file u32, sequence u64, length of the body u64; body; CRC-32 of all before. The body is
@@ -18,7 +18,7 @@ from fsw.messages import Block, Snapshot
 from fsw.messages.errors import FswError
 
 MAGIC = b"FSWCKPT\n"
-FORMAT_VERSION = 6  # rises with every change of what the states hold
+FORMAT_VERSION = 6  # rises with every change of the content of states
 _HEAD = struct.Struct("<8sHIIQQ")
 _CRC = struct.Struct("<I")
 _ARRAY = 1
@@ -26,12 +26,12 @@ _TYPES = ("|b1", "<i8", "<f8")
 
 
 class CheckpointError(FswError):
-    """A checkpoint that is not used; the text says why."""
+    """A checkpoint is refused; the message names the reason."""
 
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Whose state it is: the files a configuration and its robot were read from."""
+    """Owner of a state: check values of the configuration and of the robot's file."""
 
     config_crc32: int
     robot_crc32: int
@@ -39,10 +39,10 @@ class Identity:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Checkpoint:
-    """A snapshot that is to outlive its process."""
+    """A snapshot with the data that another process needs to use it."""
 
     identity: Identity
-    sequence: int  # of the writes to one state directory
+    sequence: int  # number of the write to its state directory
     boot_id: str  # the monotonic clock of another boot has another origin
     snapshot: Snapshot
 
@@ -75,7 +75,7 @@ def encode(checkpoint: Checkpoint) -> bytes:
 
 
 def sequence_of(data: bytes) -> int:
-    """Return the sequence number of a file, whosever it is; -1 of no whole checkpoint."""
+    """Return the sequence number of a checkpoint of any owner; -1 if it is damaged."""
     try:
         return int(_checked(data)[4])
     except CheckpointError:
@@ -83,11 +83,11 @@ def sequence_of(data: bytes) -> int:
 
 
 def decode(data: bytes, identity: Identity | None = None) -> Checkpoint:
-    """Return a checkpoint of this configuration and robot; None: of any.
+    """Return the checkpoint in `data`, which must have this identity; None: any identity.
 
     Raises
     ------
-    CheckpointError naming the reason: damaged, another version, foreign.
+    CheckpointError naming the reason: damaged, of another version, or foreign.
     """
     _, version, config_crc32, robot_crc32, sequence, _ = _checked(data)
     if version != FORMAT_VERSION:
@@ -117,7 +117,7 @@ def decode(data: bytes, identity: Identity | None = None) -> Checkpoint:
 
 
 def _checked(data: bytes) -> tuple[Any, ...]:
-    """Return the header's fields once magic, length and check value are right."""
+    """Return the header's fields; raise CheckpointError if magic, length or CRC is wrong."""
     if len(data) < _HEAD.size + _CRC.size:
         raise CheckpointError(f"damaged: {len(data)} bytes are too few")
     head = _HEAD.unpack_from(data)

@@ -21,9 +21,9 @@ BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
 
 def identity_of(config: Config) -> Identity:
-    """Return whose checkpoints a configuration may use: its file, noise in force and robot.
+    """Return the identity of a configuration: its file, effective noise and robot's file.
 
-    Raises OSError when the robot cannot be read.
+    Raises OSError when the robot's file cannot be read.
     """
     robot = config.resolve(config.robot.urdf).read_bytes()
     noise = noise_of(config).model_dump_json().encode()
@@ -47,9 +47,9 @@ class CheckpointStore:
         self._sequences: dict[str, int] | None = None
 
     def write(self, snapshot: Snapshot) -> int:
-        """Replace the older generation; return the bytes written. Raises OSError.
+        """Replace the older generation; return the number of bytes written. Raises OSError.
 
-        The new file is complete on the disk before it takes the old one's name.
+        The new file is complete on the disk before it gets the old file's name.
         """
         sequences = self._known()
         name = min(NAMES, key=lambda name: sequences[name])
@@ -67,7 +67,7 @@ class CheckpointStore:
         return len(data)
 
     def read(self) -> tuple[list[Checkpoint], list[str]]:
-        """Return the good generations, newest first, and why others were refused."""
+        """Return the good generations, newest first, and the reasons why others were refused."""
         good, refused = [], []
         for name in NAMES:
             try:
@@ -82,7 +82,7 @@ class CheckpointStore:
         return sorted(good, key=lambda checkpoint: -checkpoint.sequence), refused
 
     def find(self, sequence: int) -> tuple[bytes | None, Checkpoint | None]:
-        """Return the generation of a number, as bytes and read; None where it is not there."""
+        """Return the checkpoint of a sequence number, as bytes and decoded; None: missing."""
         for name in NAMES:
             try:
                 data = (self._directory / name).read_bytes()
@@ -94,7 +94,7 @@ class CheckpointStore:
         return None, None
 
     def _known(self) -> dict[str, int]:
-        """Return the sequence number of each generation of any daemon; -1 for a missing file."""
+        """Return the sequence number by file, of any owner; -1: missing or damaged."""
         if self._sequences is None:
             self._sequences = {}
             for name in NAMES:

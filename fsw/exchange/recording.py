@@ -1,8 +1,8 @@
-"""MCAP recordings: whole or truncated ones read in log-time order.
+"""Reads MCAP recordings, whole or truncated, in log-time order.
 
 `/can/<bus>` holds one Linux struct can_frame (16 bytes) or canfd_frame (72 bytes) per message,
-`/serial/<device>` bytes as read, `/samples/<source>` decoded samples as JSON, as is the rest.
-`log_time` is the receive stamp [ns].
+`/serial/<device>` bytes as read, `/samples/<source>` decoded samples as JSON. All other topics hold
+JSON. `log_time` is the receive stamp [ns].
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ from fsw.drivers.wire import (
 from fsw.messages import IntArray
 from fsw.messages.errors import ConfigError
 
-SAMPLES = "/samples/"  # before the name of a source; values as the sensor gave them, as JSON
+SAMPLES = "/samples/"  # prefix of topics of decoded samples: JSON, values as the sensor gave them
 SAMPLED = "samples"  # metadata of a recording with decoded samples: names of its joints
-END_NS = 1 << 63  # after every time
+END_NS = 1 << 63  # later than every valid time
 _RECORD_HEAD = struct.Struct("<BQ")  # MCAP: opcode, length
 _MESSAGE_HEAD = struct.Struct("<HIQQ")  # MCAP: channel, sequence, log time, publish time
-_RECORD = struct.Struct("<BQH4xQ8x")  # both, without sequence and publish time
+_RECORD = struct.Struct("<BQH4xQ8x")  # both heads, without sequence and publish time
 _INDEX = struct.Struct("<BQHI")  # MCAP: opcode, length, channel, bytes of (log time, place) pairs
-_HEADS = np.dtype(  # of a message: `_RECORD`
+_HEADS = np.dtype(  # heads of messages, as `_RECORD`
     {
         "names": ["opcode", "length", "channel", "t_ns"],
         "formats": ["u1", "<u8", "<u2", "<i8"],
@@ -60,7 +60,7 @@ class RecordedMessage(NamedTuple):
     """One message of a recording."""
 
     t_ns: int
-    place: tuple[int, ...]  # in the files: the order where times are equal
+    place: tuple[int, ...]  # place in the files: orders messages of equal time
     topic: str
     data: bytes
 
@@ -68,11 +68,11 @@ class RecordedMessage(NamedTuple):
 class Column(NamedTuple):
     """The messages of one topic in a piece of a recording, in file order."""
 
-    data: bytes  # of the piece
+    data: bytes  # bytes of the piece
     spans: IntArray  # (k, 3) log time [ns], first byte and byte behind each message
 
     def rows(self) -> NDArray[np.uint8] | None:
-        """Return them as rows of bytes; None unless all are classic frames of a bus, or all FD."""
+        """Return the messages as rows of bytes; None unless all are classic or all FD frames."""
         starts, stops = self.spans[:, 1], self.spans[:, 2]
         width = int(stops[0] - starts[0])
         if width not in (CLASSIC_BYTES, FD_BYTES) or np.count_nonzero(stops - starts != width):
@@ -80,12 +80,12 @@ class Column(NamedTuple):
         return _windows(self.data, width)[starts].view(np.uint8).reshape(-1, width)
 
     def chunks(self) -> list[ByteChunk]:
-        """Return them as chunks of a serial line."""
+        """Return the messages as chunks of a serial line."""
         return [ByteChunk(t_ns, self.data[a:b]) for t_ns, a, b in self.spans.tolist()]
 
 
 def frames_of(columns: Sequence[Column]) -> FrameArray:
-    """Return the messages of some columns as frames of a bus; what is no frame is left out."""
+    """Return the messages of some columns as frames of a bus; invalid frames are left out."""
     spans = np.concatenate([column.spans for column in columns])
     sizes, found = spans[:, 2] - spans[:, 1], [column.rows() for column in columns]
     parts = [part for part in found if part is not None]
@@ -140,7 +140,7 @@ def contents(path: Path) -> Contents:
 
 
 def first_metadata(path: Path, name: str) -> dict[str, str]:
-    """Return the first metadata record of a name, without reading further; {} if there is none.
+    """Return the first metadata record of a name without reading further; {} if none exists.
 
     Raises
     ------
@@ -180,10 +180,10 @@ def messages_of(parts: Sequence[Path], topics: Sequence[str]) -> Iterator[Record
 
 
 def pieces_of(parts: Sequence[Path], topics: Sequence[str]) -> Iterator[tuple[Piece, int]]:
-    """Yield the pieces of all parts by their first time, and what no later piece precedes [ns].
+    """Yield the pieces of all parts in order of start, each with the next one's start [ns].
 
-    A whole file is read chunk by chunk through its index; a truncated one has none and is one
-    piece, read into memory up to the break.
+    A whole file is read chunk by chunk through its index. A truncated file has no index: it is
+    one piece, read into memory up to the break.
 
     Raises
     ------
@@ -197,7 +197,7 @@ def pieces_of(parts: Sequence[Path], topics: Sequence[str]) -> Iterator[tuple[Pi
 
 
 def _whole_contents(file: IO[bytes]) -> Contents | None:
-    """Return what the summary and what it points at say; None of a file without, or a wrong one."""
+    """Return the contents that the file's summary lists; None if it is missing or damaged."""
     try:
         reader = make_reader(file)
         summary = reader.get_summary()
@@ -222,12 +222,12 @@ def _summary(file: IO[bytes]) -> Summary | None:
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """A piece of a file that can be read on its own."""
+    """A piece of a file that can be read independently."""
 
     start_ns: int
     part: int
     offset: int
-    read: Callable[[], dict[str, Column]]  # by topic; raises ConfigError when it is damaged
+    read: Callable[[], dict[str, Column]]  # by topic; raises ConfigError when the piece is damaged
 
 
 def _pieces(path: Path, part: int, wanted: set[str]) -> Iterator[Piece]:
@@ -236,7 +236,7 @@ def _pieces(path: Path, part: int, wanted: set[str]) -> Iterator[Piece]:
     if summary is not None and summary.chunk_indexes:
         topics = {i: c.topic for i, c in summary.channels.items() if c.topic in wanted}
         for index in summary.chunk_indexes:
-            held = index.message_index_offsets  # by channel; empty where a writer makes none
+            held = index.message_index_offsets  # by channel; empty if the writer made none
             if held and held.keys().isdisjoint(topics):
                 continue
             start_ns, offset = index.message_start_time, index.chunk_start_offset
@@ -278,7 +278,7 @@ def _read_chunk(path: Path, index: ChunkIndex, topics: Mapping[int, str]) -> dic
         found = _indexed(data, places, topics)
         found = _columns(data, topics) if found is None else found
         for column in found.values():
-            times_ns = column.spans[:, 0]  # those of END_NS and after are negative
+            times_ns = column.spans[:, 0]  # times from END_NS on are negative here
             if not start_ns <= int(times_ns.min()):
                 raise ValueError("messages before the time its index says, or after every time")
     except _BROKEN as error:
@@ -288,7 +288,7 @@ def _read_chunk(path: Path, index: ChunkIndex, topics: Mapping[int, str]) -> dic
 
 
 def _places(indexes: bytes) -> IntArray:
-    """Return where in a chunk its message indexes say that messages begin, ascending."""
+    """Return the places at which messages of a chunk begin, ascending, by its indexes."""
     at, found = 0, [np.empty(0, np.int64)]
     while at + _INDEX.size <= len(indexes):
         _, length, _, size = _INDEX.unpack_from(indexes, at)
@@ -299,10 +299,10 @@ def _places(indexes: bytes) -> IntArray:
 
 
 def _indexed(data: bytes, at: IntArray, topics: Mapping[int, str]) -> dict[str, Column] | None:
-    """Return `_columns` by the places `at` of a chunk's messages; None if it holds anything else.
+    """Return the result of `_columns` from the places `at` of messages; None if they are wrong.
 
-    That each message ends where the next begins, and the last one with the chunk, shows that these
-    are the places.
+    The places are right if each message ends where the next one begins, and the last one ends with
+    the chunk.
     """
     size = len(data)
     if not at.size or at[0] != 0 or at[-1] > size - _HEADS.itemsize:
@@ -323,7 +323,7 @@ def _indexed(data: bytes, at: IntArray, topics: Mapping[int, str]) -> dict[str, 
 
 
 def _columns(data: bytes, topics: Mapping[int, str]) -> dict[str, Column]:
-    """Return the messages in a chunk by topic."""
+    """Return the messages in a chunk by topic. Raises ValueError for a cut record."""
     spans: dict[int, list[tuple[int, int, int]]] = {channel: [] for channel in topics}
     at, size, head, body = 0, len(data), _RECORD_HEAD.size, _RECORD_HEAD.size + _MESSAGE_HEAD.size
     unpack, message = _RECORD.unpack_from, int(Opcode.MESSAGE)
@@ -344,7 +344,7 @@ def _columns(data: bytes, topics: Mapping[int, str]) -> dict[str, Column]:
 
 
 def _windows(data: bytes, width: int) -> NDArray[np.void]:
-    """Return the `width` bytes from every place on at which so many follow."""
+    """Return a view (k,) of the `width` bytes that begin at each place of the data."""
     return np.ndarray((len(data) - width + 1,), f"V{width}", data, strides=(1,))
 
 
@@ -361,7 +361,7 @@ def _open(path: Path) -> IO[bytes]:
 
 
 def _stream(path: Path, whole: _Ended) -> Iterator[object]:
-    """Yield records up to the end or the break."""
+    """Yield records up to the end or the break; set `whole.ended` at the end."""
     with _open(path) as file:
         size = path.stat().st_size
         reader = StreamReader(file, validate_crcs=True, record_size_limit=max(size, 1))
@@ -380,8 +380,8 @@ def _stream(path: Path, whole: _Ended) -> Iterator[object]:
         whole.ended = True
 
 
-# what a broken file can raise in the MCAP reader: RuntimeError is lz4's, the last three come of a
-# length or place that no file has
+# errors that the MCAP reader raises for a broken file: RuntimeError comes from lz4, the last three
+# from an impossible length or place
 _BROKEN = (
     McapError,
     ValueError,

@@ -1,8 +1,8 @@
-"""A recording in parts: one MCAP file after the other, each readable on its own, read as one.
+"""A recording in parts: consecutive MCAP files, each readable alone, that are read as one.
 
 `recording_0001.mcap` continues in `recording_0001_0002.mcap` and so on. Every part carries the
-configuration, the robot and the identity of its recording. The numbers of recordings never repeat:
-the last one is kept in a file of the directory, which outlives the recordings themselves.
+configuration, the robot and the identity of its recording. The numbers of recordings never repeat,
+because a file of the directory keeps the last number even if recordings are deleted.
 """
 
 import re
@@ -23,7 +23,7 @@ def new_first(directory: Path) -> Path:
 
     Raises
     ------
-    OSError when the number cannot be kept.
+    OSError when the number cannot be stored.
     """
     kept = directory / LAST_NUMBER
     try:
@@ -37,7 +37,7 @@ def new_first(directory: Path) -> Path:
 
 
 def identity_of(path: Path) -> str | None:
-    """Return the identity of the recording that a file belongs to; None of a file without."""
+    """Return the identity of the recording that a file belongs to; None if it has none."""
     return first_metadata(path, PART).get(IDENTITY)
 
 
@@ -47,7 +47,7 @@ def part_path(first: Path, number: int) -> Path:
 
 
 def newest_part(directory: Path) -> tuple[Path, int] | None:
-    """Return the first file of the newest recording in a directory and the number of its parts."""
+    """Return the newest recording's first file and its number of parts; None if none exists."""
     found = [match for path in directory.glob("*.mcap") if (match := _NAME.fullmatch(path.name))]
     if not found:
         return None
@@ -79,7 +79,7 @@ def parts_of(path: Path) -> list[Path]:
 
 
 def contents_of(parts: Sequence[Path]) -> Contents:
-    """Return what the parts hold together; the newest metadata of a name counts.
+    """Return the contents of all parts together; of equal names the newest one counts.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""MCAP recordings: writing them; `fsw.exchange.recording` has the form."""
+"""Writes MCAP recordings; `fsw.exchange.recording` describes the format."""
 
 import json
 from collections.abc import Mapping
@@ -56,7 +56,7 @@ def schema_of(topic: str) -> dict[str, Any]:
 
 
 class RecordingWriter:
-    """One MCAP file. Finished chunks reach the file, so a kill loses at most the last one.
+    """Writes one MCAP file. Finished chunks are in the file, so a kill loses only the open chunk.
 
     Raises OSError from any method when the file cannot be written.
     """
@@ -100,7 +100,7 @@ class RecordingWriter:
                 self._add(f"/serial/{traffic.device}", "raw", chunk.t_ns, chunk.data)
 
     def json(self, topic: str, t_ns: int, values: Mapping[str, Any]) -> None:
-        """Add one JSON message."""
+        """Add one JSON message; NaN and infinity become null."""
         try:
             text = json.dumps(values, allow_nan=False)
         except ValueError:  # JSON has no NaN or infinity: null
@@ -108,11 +108,11 @@ class RecordingWriter:
         self._add(topic, "json", t_ns, text.encode())
 
     def sync(self) -> None:
-        """Hand finished chunks to the system."""
+        """Flush finished chunks to the operating system."""
         self._file.flush()
 
     def end_chunk(self) -> None:
-        """Finish the chunk in progress and hand it to the system."""
+        """Finish the open chunk and write it to the file."""
         self._writer.flush()  # type: ignore[no-untyped-call]
 
     def close(self) -> None:
@@ -134,7 +134,7 @@ class RecordingWriter:
         self._writer.add_message(channel, t_ns, data, t_ns, sequence & 0xFFFFFFFF)
 
     def _next(self, topic: str, encoding: str, count: int) -> tuple[int, int]:
-        """Return a topic's channel and the number of the first of its next messages."""
+        """Return a topic's channel and the sequence number of the next of `count` messages."""
         channel = self._channels.get(topic)
         if channel is None:
             channel = self._channels[topic] = self._register(topic, encoding)

@@ -1,4 +1,4 @@
-"""Going on after a restart: snapshots of the estimator, and the choice of what to continue from."""
+"""Continuation after a restart: snapshots of the estimator, and how much of one is used."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,19 +11,19 @@ from fsw.messages import Block, Estimate, Event, Snapshot
 from fsw.messages.errors import EstimatorError
 from fsw.scheduler.align import Aligner
 
-BODY_STATES = 10  # per body, in front of all others
+BODY_STATES = 10  # states of each body; they come before all others
 
 
 class Mode(StrEnum):
-    """How much of a checkpoint is taken over."""
+    """How much of a checkpoint is used."""
 
     EXACT = "exact"  # continue as if nothing had happened
-    BODIES = "bodies"  # only what is known of the bodies; everything of the sensors may be new
+    BODIES = "bodies"  # only the estimate of the bodies; the sensors may have changed
 
 
 @runtime_checkable
 class Restorable(Protocol):
-    """An estimator whose state can be taken out and put back."""
+    """An estimator whose state can be saved and restored."""
 
     @property
     def blocks(self) -> tuple[Block, ...]:
@@ -44,7 +44,7 @@ class Restorable(Protocol):
 
 
 class Resettable(Protocol):
-    """An estimator that can start again."""
+    """An estimator that can begin again at its prior."""
 
     def reset(self) -> None:
         """Return to the prior."""
@@ -53,16 +53,16 @@ class Resettable(Protocol):
 
 @runtime_checkable
 class Adopting(Protocol):
-    """An estimator that can take a batch result as its prior."""
+    """An estimator that can use a batch result as its prior."""
 
     def adopt(self, result: Mapping[str, Any]) -> None:
-        """Start again from a batch result. Raises EstimatorError when it does not fit."""
+        """Begin again from a batch result. Raises EstimatorError when it does not fit."""
         ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Restart:
-    """A checkpoint that was found, and how much of it holds."""
+    """A checkpoint that was found, and how much of it is used."""
 
     checkpoint: Checkpoint
     mode: Mode
@@ -78,7 +78,7 @@ class Restart:
 
 
 def take(estimator: object, now_ns: int, grid_ns: int | None = None) -> Snapshot | None:
-    """Return the state between two windows; None if the estimator does not support it."""
+    """Return a snapshot between two windows; None if the estimator supports none."""
     if not isinstance(estimator, Restorable):
         return None
     state, blocks = estimator.snapshot(), estimator.blocks
@@ -87,11 +87,11 @@ def take(estimator: object, now_ns: int, grid_ns: int | None = None) -> Snapshot
 
 
 def put_back(estimator: object, snapshot: Snapshot) -> Estimate:
-    """Put a snapshot's state into an estimator; return its estimate.
+    """Restore a snapshot's state in an estimator; return the estimate.
 
     Raises
     ------
-    EstimatorError when it does not fit, or the estimator cannot take it.
+    EstimatorError when the state does not fit, or the estimator cannot restore one.
     """
     if not isinstance(estimator, Restorable):
         raise EstimatorError("this estimator takes no state")
@@ -103,11 +103,11 @@ def put_back(estimator: object, snapshot: Snapshot) -> Estimate:
 
 
 def put_back_bodies(estimator: object, snapshot: Snapshot) -> Estimate:
-    """Use the bodies' marginal as the prior of a new identification; all else is unknown again.
+    """Use a snapshot's estimate of the bodies as prior; all other states begin at their prior.
 
     Raises
     ------
-    EstimatorError when it does not fit, or the estimator cannot take it.
+    EstimatorError when the state does not fit, or the estimator cannot use it as prior.
     """
     if not (isinstance(estimator, Adopting) and isinstance(estimator, Restorable)):
         raise EstimatorError("this estimator takes no prior")
@@ -125,7 +125,7 @@ def put_back_bodies(estimator: object, snapshot: Snapshot) -> Estimate:
 
 
 def judge(checkpoint: Checkpoint, boot_id: str, now_ns: int, hold_s: float) -> Restart:
-    """Decide how much of a checkpoint still holds: the biases only shortly, and in one boot."""
+    """Decide how much of a checkpoint to use: all of it only up to `hold_s` and in one boot."""
     if not boot_id or checkpoint.boot_id != boot_id:
         return Restart(checkpoint=checkpoint, mode=Mode.BODIES, age_s=None)
     age_s = (now_ns - checkpoint.snapshot.t_ns) * 1e-9
@@ -142,10 +142,10 @@ def resume(
     *,
     recorded: bool = True,
 ) -> Estimate | None:
-    """Continue from a checkpoint; None, reported as an event, when it does not fit.
+    """Continue from a checkpoint; return the estimate, or None and an event if it does not fit.
 
-    An exact continuation keeps the windows on their grid, so that the time of everything that is
-    counted from the first SYNC stays what it was.
+    An exact continuation keeps the grid of the windows, so that times counted from the first SYNC
+    do not change.
     """
     snapshot, sequence = found.checkpoint.snapshot, found.checkpoint.sequence
     exact = found.mode is Mode.EXACT

@@ -1,12 +1,12 @@
 """A bounded ring of records between two processes: one writer, one reader, no locks.
 
-The ring lives in a memory file (memfd) handed to the other process as an inherited descriptor: it
-has no name and vanishes with its last user, however they end. A record that does not fit is dropped
-and counted; the writer never waits. Every record carries its sequence number and CRC-32: one that
-is not visible in whole yet (weakly ordered memory) is left for the next look.
+The ring is in a memory file (memfd) whose descriptor the other process inherits: the file has no
+name and is freed when its last user ends, even by a kill. A record that does not fit is dropped and
+counted; the writer never waits. Every record carries its sequence number and CRC-32, so that a
+record that is not wholly visible yet (weakly ordered memory) is left for the next read.
 
 Layout: 64 bytes of header (u64 each: capacity, bytes written, bytes read, records written, records
-dropped, two numbers that the reader leaves for the writer and for the reader after it), then
+dropped, two numbers that the reader notes for the writer and for the next reader), then
 `capacity` bytes of records: u32 length, kind, sequence, CRC; payload; padding to 16.
 """
 
@@ -34,7 +34,7 @@ class RingRecord(NamedTuple):
 
 
 class _Ring:
-    """The mapping and its header, on either side."""
+    """Mapping and header of a ring, the same for writer and reader."""
 
     def __init__(self, fd: int) -> None:
         self.fd = fd
@@ -71,7 +71,7 @@ class _Ring:
 
     @property
     def notes(self) -> tuple[int, int]:
-        """What the reader has left; 0 at first."""
+        """The two numbers that the reader has noted; 0 at first."""
         return self._header[_NOTE], self._header[_NOTE + 1]
 
     def close(self) -> None:
@@ -98,7 +98,7 @@ class RingWriter(_Ring):
         return ring
 
     def push(self, kind: int, payload: bytes) -> bool:
-        """Append a record; False, and counted, when there is no room."""
+        """Append a record; if it finds no room, count it as dropped and return False."""
         header, capacity = self._header, self._capacity
         length = len(payload)
         size = (_RECORD.size + length + ALIGN - 1) & -ALIGN
@@ -128,18 +128,18 @@ class RingReader(_Ring):
 
     def __init__(self, fd: int) -> None:
         super().__init__(fd)
-        self._sequence: int | None = None  # of the next record; a later reader takes it from there
+        self._sequence: int | None = None  # of the next record; None: read from the record
 
     def note(self, first: int, second: int) -> None:
-        """Leave two numbers, at least 0, for the writer and the reader after this one."""
+        """Note two numbers, at least 0, for the writer and the next reader."""
         self._header[_NOTE], self._header[_NOTE + 1] = first, second
 
     def read(self, limit: int = 1 << 30, *, once: bool = False) -> Iterator[RingRecord]:
         """Yield the waiting records, at most `limit`.
 
-        A record counts as read when the consumer comes back for more, or stops: what a reader was
-        at when it was killed is there for the next one. With `once` it counts as read before: what
-        has killed a reader does not kill the next.
+        A record counts as read when the consumer asks for the next one, or stops. So the next
+        reader receives the record at which a reader was killed. With `once` a record counts as
+        read before it is yielded, so that a record that killed a reader does not kill the next.
         """
         header, data, capacity = self._header, self._data, self._capacity
         for _ in range(limit):

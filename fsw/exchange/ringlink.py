@@ -1,4 +1,4 @@
-"""Records of the rings: messages between the processes, and commands back."""
+"""Converts messages and commands between the processes to records of the rings, and back."""
 
 import os
 import pickle
@@ -26,7 +26,7 @@ from fsw.exchange.sinks import (
 from fsw.messages import Block, Estimate, Event, Snapshot
 from fsw.messages.commands import Command, Reply
 
-DOWN_BYTES = 8 << 20  # from the loop and from the estimation: some 10 s of everything
+DOWN_BYTES = 8 << 20  # rings of the loop and of the estimation: some 10 s of all data
 UP_BYTES = 1 << 20  # service to loop
 TO_ESTIMATION = (CanTraffic, SerialTraffic, BatchEnd, Command, StatusReport)
 TO_SERVICE = (
@@ -50,8 +50,8 @@ _STAMPED = struct.Struct("<qI")  # stamp [ns], length
 class Kind(IntEnum):
     """The type of a ring record."""
 
-    FRAMES = 2  # of a bus, as they are in memory
-    CHUNKS = 4  # of a serial line
+    FRAMES = 2  # frames of a bus, as they are in memory
+    CHUNKS = 4  # chunks of a serial line
     MESSAGE = 3  # any other message, pickled
     END = 12
     COMMAND = 20  # service to loop
@@ -68,17 +68,17 @@ def hand_down(config: Config) -> int:
 def handed_down(fd: int) -> Config:
     """Return the configuration in a memory file.
 
-    Everyone who inherits the descriptor shares its place in the file: nobody may move it.
+    All processes that inherit the descriptor share its file offset, so no process may move it.
     """
     config: Config = pickle.loads(os.pread(fd, os.fstat(fd).st_size, 0))
     return config
 
 
-@lru_cache(maxsize=1)  # every ring gets the same
+@lru_cache(maxsize=1)  # every ring gets the same traffic
 def pack_frames(traffic: CanTraffic) -> bytes:
-    """Return traffic of a bus as bytes: the bus, bytes of a frame, the frames as in memory.
+    """Return traffic of a bus as bytes: name of the bus, size of a row, rows as in memory.
 
-    Where all are classic, the empty room for the data of CAN FD is left out.
+    If all frames are classic, the unused bytes for the data of CAN FD are left out.
     """
     name, frames = traffic.bus.encode(), traffic.frames
     size = FRAME.itemsize if frames["flags"].any() else CLASSIC_ROW_BYTES
@@ -87,7 +87,7 @@ def pack_frames(traffic: CanTraffic) -> bytes:
 
 
 def pack_chunks(traffic: SerialTraffic) -> bytes:
-    """Return traffic of a line as bytes: device, then stamp, length and bytes of every chunk."""
+    """Return traffic of a line as bytes: name, then stamp, length and bytes of every chunk."""
     name = traffic.device.encode()
     parts = [bytes((len(name),)), name]
     for chunk in traffic.chunks:
@@ -112,7 +112,7 @@ def unpack_traffic(record: RingRecord) -> CanTraffic | SerialTraffic:
 
 
 def _unpack_rows(data: bytes, size: int) -> FrameArray:
-    """Return frames of which only the first bytes were kept."""
+    """Return the frames of rows of which only the first `size` bytes were kept."""
     rows = np.zeros((len(data) // size, FRAME.itemsize), np.uint8)
     rows[:, :size] = np.frombuffer(data, np.uint8).reshape(-1, size)
     frames: FrameArray = rows.view(FRAME)[:, 0]
@@ -120,12 +120,12 @@ def _unpack_rows(data: bytes, size: int) -> FrameArray:
 
 
 class RingSink:
-    """The sink of a process: messages go into the ring; what is lost is counted.
+    """Writes the messages of a process to a ring; lost frames and chunks are counted.
 
     Parameters
     ----------
     accepted : types of the messages that the reader wants
-    wake : event (eventfd) that wakes the reader at the end of a batch; None: it looks by itself
+    wake : event (eventfd) that wakes the reader at the end of a batch; None: the reader polls
     """
 
     def __init__(
@@ -135,7 +135,7 @@ class RingSink:
         self.lost = 0  # frames and chunks that found no room
 
     def put(self, message: Message) -> None:
-        """Pass a message; a snapshot goes without its blocks, since the service has seen them."""
+        """Write a message; a snapshot goes without its blocks, which the service already has."""
         if not isinstance(message, self._accepted):
             return
         if isinstance(message, CanTraffic):
@@ -156,7 +156,7 @@ class RingSink:
             self._raise()
 
     def close(self) -> None:
-        """Say that no message follows."""
+        """Write a record that says that no message follows."""
         self._ring.push(Kind.END, b"")
         self._raise()
 
@@ -176,5 +176,5 @@ def message_of(record: RingRecord) -> Message | None:
 
 
 def commands_of(ring: RingReader) -> list[Command]:
-    """Return the commands that the service has passed since the last call."""
+    """Return the commands of the service since the last call, at most COMMANDS_AT_ONCE."""
     return [pickle.loads(record.payload) for record in ring.read(limit=COMMANDS_AT_ONCE)]

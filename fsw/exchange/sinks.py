@@ -1,4 +1,4 @@
-"""Messages between the processes and where they go: the Sink protocol, null sink and fan-out."""
+"""Messages between the processes, the Sink protocol, and sinks without a destination."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,14 +10,14 @@ from fsw.messages.commands import Command, Reply
 from fsw.messages.findings import Stall
 
 Record = Mapping[str, Any]  # plain JSON values only
-JOINTS = "joints"  # of all buses together, where their samples come decoded
+JOINTS = "joints"  # all joints of all buses, if their samples come decoded
 IMU, STAR_TRACKER = "imu", "star_tracker"
-WHEELS = "wheels"  # all, where their samples come decoded
+WHEELS = "wheels"  # all wheels, if their samples come decoded
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CanTraffic:
-    """Frames of a bus, sent and received, in the order the sources saw them."""
+    """Frames of a bus, sent and received, in the order in which the sources accepted them."""
 
     bus: str
     frames: FrameArray
@@ -33,14 +33,14 @@ class SerialTraffic:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BatchEnd:
-    """All that had come by a time is handed over; what the loop knows of itself since the last."""
+    """End of a batch: all data received by a time were passed on; statistics of the loop."""
 
     now_ns: int
     lost: tuple[str, ...] = ()  # inputs that have no port
     tick: int = 0
-    slips: int = 0  # so far
+    slips: int = 0  # since the start
     stalls: tuple[Stall, ...] = ()
-    over_budget_ns: int = 0  # longest work of a tick over the budget; 0: none
+    over_budget_ns: int = 0  # longest work of a tick that exceeded the budget; 0: none did
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +76,7 @@ class AppliedCommand:
 
 @dataclass(frozen=True, slots=True)
 class StateRestored:
-    """The number of the checkpoint this run continues from."""
+    """The sequence number of the checkpoint from which this run continues."""
 
     sequence: int
 
@@ -103,11 +103,11 @@ class Sink(Protocol):
     """Accepts every message; in the daemon it never blocks and never raises."""
 
     def put(self, message: Message) -> None:
-        """Accept one message; a sink ignores the types it has no use for."""
+        """Accept one message; a sink ignores the types that it does not use."""
         ...
 
     def close(self) -> None:
-        """Release everything: no message follows."""
+        """Release all resources: no message follows."""
         ...
 
 
@@ -115,14 +115,14 @@ class NullSink:
     """Discards everything; the base of sinks that have nothing to close."""
 
     def put(self, message: Message) -> None:
-        """Discard."""
+        """Discard the message."""
 
     def close(self) -> None:
-        """Nothing to release."""
+        """Do nothing."""
 
 
 class Fanout:
-    """Hands every message to several sinks, in order."""
+    """Passes every message to several sinks, in order."""
 
     def __init__(self, *sinks: Sink) -> None:
         self._sinks = sinks
@@ -133,20 +133,20 @@ class Fanout:
             sink.put(message)
 
     def close(self) -> None:
-        """Close all."""
+        """Close every sink."""
         for sink in self._sinks:
             sink.close()
 
 
 class JoinedStatus:
-    """Passes everything on, the status once it has both parts: the loop's, and the estimation's."""
+    """Passes messages on and joins the status of the loop with that of the estimation."""
 
     def __init__(self, sink: Sink) -> None:
         self._sink = sink
         self._estimation: Record | None = None
 
     def put(self, message: Message) -> None:
-        """Keep the estimation's part until the loop's comes."""
+        """Pass a message on; keep the estimation's status until the loop's status comes."""
         if isinstance(message, EstimationStatus):
             self._estimation = message.values
         elif not isinstance(message, StatusReport):
@@ -155,5 +155,5 @@ class JoinedStatus:
             self._sink.put(StatusReport(message.t_ns, {**message.values, **self._estimation}))
 
     def close(self) -> None:
-        """Close the sink behind."""
+        """Close the next sink."""
         self._sink.close()

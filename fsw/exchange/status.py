@@ -16,12 +16,12 @@ def source_samples(counters: Mapping[str, int], late: int) -> dict[str, int]:
 
 
 def task_summary(slips: Slips) -> dict[str, dict[str, float]]:
-    """Return last, mean and max time per task [us]."""
+    """Return last, mean, 99th percentile and max time of every task [us]."""
     return {name: time_values(times) for name, times in slips.times.items()}
 
 
 def time_values(times: TaskTimes) -> dict[str, float]:
-    """Return last, mean, 99th percentile and max [us]."""
+    """Return last, mean, 99th percentile and max of one task's times [us]."""
     return {
         "last": times.last_ns / 1e3,
         "mean": round(times.mean_ns / 1e3, 3),
@@ -31,7 +31,7 @@ def time_values(times: TaskTimes) -> dict[str, float]:
 
 
 def body_values(body: BodyEstimate) -> dict[str, Any]:
-    """Return the estimated parameters of a body (inertia about its centre of mass)."""
+    """Return the estimated parameters of a body (inertia about the centre of mass)."""
     return {
         "mass_kg": body.mass_kg,
         "com_m": [float(x) for x in body.com_m],
@@ -40,7 +40,7 @@ def body_values(body: BodyEstimate) -> dict[str, Any]:
 
 
 def body_sigma(body: BodyEstimate) -> dict[str, Any]:
-    """Return the 1-sigma of the same parameters."""
+    """Return the 1-sigma of the parameters that `body_values` gives."""
     return {
         "mass_kg": body.mass_sigma_kg,
         "com_m": [float(x) for x in body.com_sigma_m],
@@ -73,12 +73,12 @@ def estimate_summary(estimate: Estimate | None) -> dict[str, Any] | None:
 
 
 def whole_values(whole: BodyEstimate | None) -> dict[str, Any] | None:
-    """Return everything together as posed, in the base's axes: parameters and their 1-sigma."""
+    """Return parameters and 1-sigma of all bodies together, in B at the current posture."""
     if whole is None:
         return None
     return {**body_values(whole), "sigma": body_sigma(whole)}
 
 
 def finite(value: float) -> float | None:
-    """Return the number, or None where JSON has none."""
+    """Return a finite number; None for NaN and infinity, which JSON lacks."""
     return float(value) if math.isfinite(value) else None

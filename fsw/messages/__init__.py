@@ -15,7 +15,7 @@ MAX_EVENT_TEXT = 1000  # characters
 OF_WHEELS = ("wheel_nms", "wheel_nm", "cov_wheel")
 OF_THRUSTERS = ("edges", "opened_s")
 OF_SPEEDS = ("walk_rad2",)
-MOST_EDGES = 48  # of valves that a block holds
+MOST_EDGES = 48  # most changes of valves that a block holds
 
 
 IntArray = NDArray[np.int64]
@@ -25,7 +25,7 @@ IntArray = NDArray[np.int64]
 class JointSamples:
     """Latched positions and link-side torques of joint nodes (TPDO1), in order of arrival.
 
-    Of a joint with `encoder: speed` its speed [rad/s] stands in the place of the position.
+    A joint with `encoder: speed` has its speed [rad/s] in place of the position.
     """
 
     t_ns: IntArray  # (k,) time of validity: stamp of the SYNC that latched it, plus latch offset
@@ -41,7 +41,7 @@ class JointSamples:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImuSamples:
-    """Datagrams of an inertial unit; the clusters have times of their own (group delays)."""
+    """Samples of an inertial unit; gyro and accelerometer have different times (group delays)."""
 
     t_gyro_ns: IntArray  # (k,)
     t_acc_ns: IntArray  # (k,)
@@ -56,7 +56,7 @@ class ImuSamples:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AttitudeSamples:
-    """Star-tracker solutions, rotated to the spacecraft bus."""
+    """Star-tracker solutions, converted to attitudes of the spacecraft bus B."""
 
     t_ns: IntArray  # (k,)
     t_receive_ns: IntArray  # (k,)
@@ -84,7 +84,7 @@ class WheelSamples:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ThrusterSamples:
-    """States of thrusters' valves, in order of arrival: as latched, and at their changes."""
+    """States of thrusters' valves at latches and at changes, in order of arrival."""
 
     t_ns: IntArray  # (k,) time of validity
     t_receive_ns: IntArray  # (k,)
@@ -104,7 +104,7 @@ _S = TypeVar("_S", JointSamples, ImuSamples, AttitudeSamples, WheelSamples, Thru
 
 
 def joined(parts: Sequence[_S]) -> _S:
-    """Return samples of one kind that follow one another as one batch; at least one part."""
+    """Return consecutive batches of one kind as one batch; `parts` must not be empty."""
     if len(parts) == 1:
         return parts[0]
     names = [item.name for item in fields(parts[0])]
@@ -118,7 +118,7 @@ class ChannelWindow:
     t_ns: NDArray[np.int64]  # (k,)
     values: FloatArray  # (k, width)
     missing: bool  # too few samples to evaluate
-    stale: bool  # no sample at all since longer than the channel's freshness limit
+    stale: bool  # no sample for longer than the channel's freshness limit
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -154,7 +154,7 @@ class Block:
 
     Every channel is a local polynomial of its samples in the window, evaluated at the same m
     instants. Values of a least-squares polynomial of degree m-1 at m Gauss nodes are uncorrelated
-    and together hold all its information. Covariances of stacked values are given over the nodes.
+    and together hold all information of the polynomial. Covariances are of the values at all nodes.
     """
 
     index: int
@@ -177,23 +177,23 @@ class Block:
     has_gyro: bool
     has_accelerometer: bool
     has_attitude: bool
-    # (L, n) of what a polynomial leaves of torques, some samples apart; zero: not known
+    # (L, n) mean products of the torques' residuals at L lags of samples; zero: not known
     tau_products_nm2: FloatArray = field(default_factory=lambda: np.zeros((1, 1)))
-    # (L, 2) the same of gyro and accelerometer, mean of the axes
+    # (L, 2) the same for gyro and accelerometer, mean over the axes
     imu_products: FloatArray = field(default_factory=lambda: np.zeros((1, 2)))
-    # of k reaction wheels about their axes, as configured; empty where there are none
-    wheel_nms: FloatArray = field(default_factory=_no_wheels)  # (m, k) momentum by speed
+    # k reaction wheels about their axes, in configured order; empty without wheels
+    wheel_nms: FloatArray = field(default_factory=_no_wheels)  # (m, k) momentum from the speed
     wheel_nm: FloatArray = field(default_factory=_no_wheels)  # (m, k) its derivative
     cov_wheel: FloatArray = field(default_factory=_no_noise)  # (k, 2 m, 2 m) of both at the nodes
-    # of K thrusters' valves; empty where there are none
-    edges: FloatArray = field(default_factory=_no_wheels)  # (MOST_EDGES, 3) see `valves`
-    opened_s: FloatArray = field(default_factory=_no_times)  # (K,) open up to the window's start
-    # (n,) variance by which integrated angles have walked where the window starts; empty: none is
+    # valves of K thrusters; empty without thrusters
+    edges: FloatArray = field(default_factory=_no_wheels)  # (MOST_EDGES, 3), see estimators/valves
+    opened_s: FloatArray = field(default_factory=_no_times)  # (K,) open time up to window start
+    # (n,) variance of integrated joint angles' error at the window's start; empty: no such joint
     walk_rad2: FloatArray = field(default_factory=_no_times)
 
     @property
     def stored(self) -> tuple[str, ...]:
-        """Names of what is kept of a block; nothing of wheels, valves, walks where none are."""
+        """Names of the fields to store, without those of wheels, valves and speeds if absent."""
         without = (*(() if self.cov_wheel.size else OF_WHEELS),)
         without += () if self.opened_s.size else OF_THRUSTERS
         without += () if self.walk_rad2.size else OF_SPEEDS
@@ -220,7 +220,7 @@ class BodyEstimate:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Estimate:
-    """A published estimate: never a mean without its covariance and validity."""
+    """A published estimate: the mean always comes with its covariance and validity."""
 
     t_ns: int
     valid: bool
@@ -236,7 +236,7 @@ class Estimate:
     nis_dof: int
     condition_number: float  # of the whitened, prior-scaled information
     information_gained_nats: float  # 1/2 log det(prior cov) - 1/2 log det(cov), unknown bodies
-    whole: BodyEstimate | None = None  # everything together at the current posture, in B
+    whole: BodyEstimate | None = None  # all bodies together at the current posture, in B
     extra: dict[str, float] = field(default_factory=dict)
 
 
@@ -247,8 +247,8 @@ class Snapshot:
     t_ns: int
     grid_ns: int | None  # start of window 0; None before the first SYNC
     state: Mapping[str, Any]  # plain values and arrays
-    refers: tuple[int, ...] = ()  # indexes of the blocks the state needs, in order
-    blocks: tuple[Block, ...] = ()  # these blocks; none on the way from the loop to the service
+    refers: tuple[int, ...] = ()  # indexes of the blocks that the state needs, in order
+    blocks: tuple[Block, ...] = ()  # these blocks; empty on the way from the loop to the service
     changes: tuple[Mapping[str, Any], ...] = ()  # unknowns chosen since the start, in order
     identifying: bool = True  # whether windows reach the estimator
 
@@ -263,6 +263,6 @@ class Event:
     text: str
 
     def __post_init__(self) -> None:
-        """Cut the text, which may quote what came from outside; have it encodable."""
+        """Cut the text to `MAX_EVENT_TEXT` and escape characters that UTF-8 cannot encode."""
         text = self.text[:MAX_EVENT_TEXT].encode(errors="backslashreplace").decode()
         object.__setattr__(self, "text", text[:MAX_EVENT_TEXT])

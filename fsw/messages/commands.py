@@ -14,8 +14,8 @@ METHODS = ("mrnea", "rda", "cm", "ce", "fused")
 BODIES = ("base", "target")
 BODY_NAME = re.compile(r"[a-z][a-z0-9_]{0,31}")
 MAX_LINE_BYTES = 65536
-MAX_LAST_S = 1e6  # as the telecommand RUN_BATCH has it
-# of the numbers of RUN_PLAN: least, most, whether whole; as the telecommand has them
+MAX_LAST_S = 1e6  # the same limit as in the telecommand RUN_BATCH
+# arguments of RUN_PLAN: least, most, whether a whole number; as in the telecommand RUN_PLAN
 PLAN_BOUNDS = {
     "duration_s": (1.0, 300.0, False),
     "starts": (1, 64, True),
@@ -35,16 +35,16 @@ class CommandName(StrEnum):
     RUN_PLAN = "run_plan"  # start a batch job that plans a motion from the present estimate
     ABORT_BATCH = "abort_batch"
     ADOPT = "adopt"  # make the last batch result the online estimator's prior
-    REST = "rest"  # windows are stored but no longer identified from
+    REST = "rest"  # windows are stored but no longer used for identification
     RESUME = "resume"  # continue identifying
     CONFIGURE = "configure"  # other unknowns, noise, robot or settings: begin at the prior
-    SAVE_STATE = "save_state"  # checkpoint now, and remember the state to come back to
-    RESTORE_STATE = "restore_state"  # back to what was saved, or restored at the start
+    SAVE_STATE = "save_state"  # write a checkpoint now, and keep the state for RESTORE_STATE
+    RESTORE_STATE = "restore_state"  # back to the state that was saved, or restored at the start
     RESTART = "restart"  # end and start again
     STOP = "stop"  # end the daemon as SIGTERM does
 
 
-JOBS = (CommandName.RUN_BATCH, CommandName.RUN_PLAN)  # begin a job, whose end comes later
+JOBS = (CommandName.RUN_BATCH, CommandName.RUN_PLAN)  # commands that begin a job, which ends later
 
 
 class Code(StrEnum):
@@ -62,12 +62,12 @@ class Code(StrEnum):
     NOT_SUPPORTED = "NOT_SUPPORTED"
     ESTIMATOR = "ESTIMATOR"
     TIMEOUT = "TIMEOUT"
-    FAILED = "FAILED"  # an error nobody foresaw; the event COMMAND_FAILED goes with it
+    FAILED = "FAILED"  # an unforeseen error; the event COMMAND_FAILED is sent too
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Command:
-    """One command; `id` is what its reply refers to."""
+    """One command; its reply has the same `id`."""
 
     name: CommandName
     id: int = 0
@@ -93,19 +93,19 @@ class BatchRequest:
     id: int
     method: str
     unknown: tuple[str, ...]
-    last_s: float | None = None  # only the newest so many seconds; None: everything stored
+    last_s: float | None = None  # use only the newest seconds; None: use every stored block
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlanRequest:
-    """One planned motion: its length, the search, and where its file goes."""
+    """Request to plan one motion: its length, the search, and the file to write."""
 
     id: int
     duration_s: float
     starts: int
     seed: int
     unknown: tuple[str, ...]
-    posterior: Mapping[str, Any]  # names, mean, covariance of the estimate that it begins from
+    posterior: Mapping[str, Any]  # names, mean, covariance of the present estimate
     out: Path
 
 
@@ -196,7 +196,7 @@ def _plan_args(data: dict[str, Any]) -> dict[str, Any]:
 
 
 def _is_duration(value: Any) -> bool:  # noqa: ANN401
-    """Whether a value is a number of seconds that a job can look back; bool, NaN, inf are not."""
+    """Return whether a value is a number above 0 and at most MAX_LAST_S; bool and NaN are not."""
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     return is_number and 0 < value <= MAX_LAST_S
 
@@ -221,5 +221,5 @@ def _unknown(data: dict[str, Any]) -> list[str]:
 
 
 def _is_name(value: Any) -> bool:  # noqa: ANN401
-    """Whether a value can be a body's name; whether there is such a body is found later."""
+    """Return whether a value has the form of a body's name; the body need not exist."""
     return isinstance(value, str) and BODY_NAME.fullmatch(value) is not None

@@ -1,6 +1,6 @@
-"""The errors of the flight software, and words for them that stay short whatever they quote.
+"""The errors of the flight software, and functions that keep their messages short.
 
-Anything else that is raised is a programmer's mistake.
+Any other exception is a programmer's mistake.
 """
 
 from contextlib import suppress
@@ -14,8 +14,8 @@ _BRIEF.maxstring = _BRIEF.maxother = 100
 
 
 def brief(value: object) -> str:
-    """Return the representation of a value, cut to a line's worth."""
-    with suppress(ValueError):  # of a whole number with too many digits
+    """Return the representation of a value, cut to about one line."""
+    with suppress(ValueError):  # a whole number has too many digits
         return _BRIEF.repr(value)
     return f"a {type(value).__name__} too long to be shown"
 
@@ -25,7 +25,7 @@ def cut(text: str, limit: int = MAX_CHARACTERS) -> str:
     return text if len(text) <= limit else text[: limit - 4] + " ..."
 
 
-MEMORY_EXIT = 76  # exit status of a service process that the system refused memory
+MEMORY_EXIT = 76  # exit status of a service process that could not get memory
 
 
 class FswError(Exception):
@@ -52,10 +52,10 @@ class EstimatorError(FswError):
     """An estimate cannot be given: not observable, or diverged."""
 
 
-# how arithmetic on numbers that came from outside may fail; LinAlgError is a ValueError
+# errors that arithmetic on received numbers may raise; LinAlgError is a ValueError
 NUMERICAL = (EstimatorError, ValueError, ArithmeticError)
 
 
 def unforeseen(error: Exception) -> str:
-    """Return the words for an error that is not one of these."""
+    """Return the message for an error that is no `FswError`."""
     return cut(f"{type(error).__name__}: {error}")

@@ -30,7 +30,7 @@ class Fault(StrEnum):
     JOINT_LATE = "JOINT_LATE"
     JOINT_LENGTH = "JOINT_LENGTH"
     JOINT_COUNTER = "JOINT_COUNTER"
-    # its sensors
+    # sensors of a joint node
     ENCODER_FAULT = "ENCODER_FAULT"
     ENCODER_JUMP = "ENCODER_JUMP"
     ENCODER_STUCK = "ENCODER_STUCK"
@@ -129,7 +129,7 @@ def severity(fault: Fault) -> str:
 class Finding:
     """One thing found wrong."""
 
-    t_ns: int  # on the daemon's clock, of what showed it
+    t_ns: int  # time of the data that showed the fault, on the daemon's clock
     fault: Fault
     subject: str  # bus, joint or device
     text: str = ""
@@ -137,8 +137,8 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class Stall:
-    """A time in which the loop wanted to run and had no processor."""
+    """A span of time in which the loop was due to run but had no processor."""
 
     start_ns: int
     end_ns: int
-    slips: int  # grid points missed by it
+    slips: int  # grid points missed in this span
