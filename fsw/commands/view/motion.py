@@ -69,7 +69,7 @@ def planned(trajectory: Trajectory, problem: Problem, pi: FloatArray) -> Motion:
 def _placed(
     t_s: FloatArray, q: FloatArray, R: FloatArray, problem: Problem, pi: FloatArray, source: str
 ) -> Motion:
-    whole = np.array([problem.model.composite(row) @ pi for row in q])
+    whole = problem.model.composites(q) @ pi
     com_N = np.einsum("kij,kj->ki", R, whole[:, 1:4] / whole[:, :1])
     free = problem.freedom[:3] @ problem.freedom[:3].T  # projects on directions free to move
     return Motion(t_s=t_s, q_rad=q, R_NB=R, p_NB_m=-com_N @ free, attitude=source)

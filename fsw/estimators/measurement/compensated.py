@@ -103,12 +103,11 @@ def block_sums(block: Block, x: FloatArray, problem: Problem) -> CompensatedSums
     Y = np.empty((m, 6 + n, columns.shape[1]))
     Y_k = np.empty((m, 6 + n, 6 + n, columns.shape[1]))  # by node, acceleration, row, column
     unit = np.eye(6 + n)
-    for i in range(m):
-        q = block.q_rad[i]
-        Y_i = model.regressor(q, w[i], block.qd_rad_s[i], acceleration[i])
-        if problem.orbit is not None:
-            Y_i = Y_i - model.field_regressor(q, G_field[i])
-        Y[i] = Y_i @ columns
+    of_links = model.regressors(block.q_rad, w, block.qd_rad_s, acceleration)
+    if problem.orbit is not None:
+        of_links -= model.field_regressors(block.q_rad, G_field)
+    for i, q in enumerate(block.q_rad):
+        Y[i] = of_links[i] @ columns
         for a in range(6 + n):
             Y_k[i, a] = model.momentum_regressor(q, unit[a]) @ columns
     K = acceleration_root(block, problem)

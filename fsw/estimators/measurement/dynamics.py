@@ -72,7 +72,7 @@ def dynamics(
     C, force = model.forces_and_derivatives(q, w, qd, a)  # of a base that does not accelerate
     Y_field = None
     if problem.orbit is not None:
-        Y_field = np.stack([model.field_regressor(q[i], G[i]) for i in range(N)])
+        Y_field = model.field_regressors(q, G)
         force -= Y_field @ pi
     if pulled(problem):
         force -= external_force(s, x, problem)[0]

@@ -76,9 +76,7 @@ def stacked_energy_rows(s: BlockStack, x: FloatArray, problem: Problem) -> list[
     P, J_P = np.zeros(B * m), np.zeros((B * m, len(x)))  # power of the gravity gradient
     if problem.orbit is not None:
         G = field(s, problem)
-        by_pi = np.stack(
-            [v @ model.field_regressor(*at) for v, *at in zip(nu, s.q_rad, G, strict=True)]
-        )
+        by_pi = (nu[:, None] @ model.field_regressors(s.q_rad, G))[:, 0]
         P, J_P[:, k] = by_pi @ pi, by_pi @ problem.U
     moved = np.zeros((B * m, n))  # torque that the wheels' moment stands for at the joints
     if turned is not None:

@@ -111,10 +111,9 @@ def _wrench(
     m, model = len(block.t_ns), problem.model
     pi = problem.pi(x)
     W, J = np.zeros((m, 6)), np.zeros((m, 6, len(x)))
-    for i in np.flatnonzero(G.any(axis=(1, 2))).tolist():
-        rows = model.field_regressor(block.q_rad[i], G[i])[:6]
-        W[i, :3], W[i, 3:] = G[i] @ (model.composite(block.q_rad[i]) @ pi)[1:4], rows[3:] @ pi
-        J[i][:, problem.inertial] = rows @ problem.U
+    if G.any():
+        rows = model.field_regressors(block.q_rad, G)[:, :6]
+        W, J[:, :, problem.inertial] = rows @ pi, rows @ problem.U
     if present(problem.wrench) or present(problem.target_wrench):
         value, by_state = constant_force(block, x, problem)
         W, J = W + value[:, :6], J + by_state[:, :6]
@@ -124,8 +123,7 @@ def _wrench(
 def _centres(block: Block, x: FloatArray, problem: Problem) -> list[tuple[FloatArray, FloatArray]]:
     """Return the centre of mass of the whole (3,) at every node, in B, and its Jacobian (3, k)."""
     pi, found = problem.pi(x), []
-    for q in block.q_rad:
-        whole = problem.model.composite(q)
+    for whole in problem.model.composites(block.q_rad):
         total, J_total = whole @ pi, whole @ problem.U
         mass, h = total[0], total[1:4]
         c = h / mass

@@ -201,8 +201,7 @@ def _regressors(
     """Return Y (N, 6+n, 10 (n+1)) at the nodes, the field taken off."""
     Y = problem.model.regressors(s.q_rad, w, qd, acceleration)
     if problem.orbit is not None:
-        states = zip(s.q_rad, G, strict=True)
-        Y -= np.stack([problem.model.field_regressor(q, own) for q, own in states])
+        Y -= problem.model.field_regressors(s.q_rad, G)
     return Y
 
 

@@ -124,11 +124,13 @@ def _parameters_of_pseudo_inertia() -> FloatArray:
 def frame_changes(X_AB: FloatArray) -> FloatArray:
     """Return T (k, 10, 10) with pi_A = T pi_B for homogeneous transforms X_AB (k, 4, 4).
 
-    The pseudo-inertia transforms as X P X^T. Source: Wensing et al. (2018), sec. II.
+    The pseudo-inertia transforms as X P X^T, its rows one after the other by the Kronecker product
+    of X with itself. Source: Wensing et al. (2018), sec. II.
     """
-    P = np.einsum("bij,kjl,bml->bkim", X_AB, parameter_basis(), X_AB, optimize=False)
-    columns: FloatArray = P.reshape(len(X_AB), PARAMETERS, 16) @ _parameters_of_pseudo_inertia().T
-    return columns.transpose(0, 2, 1)
+    X_X = (X_AB[:, :, None, :, None] * X_AB[:, None, :, None, :]).reshape(-1, 16, 16)
+    basis = parameter_basis().reshape(PARAMETERS, 16).T
+    changes: FloatArray = _parameters_of_pseudo_inertia() @ (X_X @ basis)
+    return changes
 
 
 def frame_change(R_AB: FloatArray, p_AB_m: FloatArray) -> FloatArray:

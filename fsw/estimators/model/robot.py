@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -305,7 +306,13 @@ class RobotModel:
 
     def composite(self, q: FloatArray) -> FloatArray:
         """Return C (10, 10 (n+1)): parameters of the whole robot in B = C @ pi."""
-        return np.hstack(list(self._maps_to_base(q)))
+        whole: FloatArray = self.composites(q[None])[0]
+        return whole
+
+    def composites(self, q: FloatArray) -> FloatArray:
+        """Return `composite` at N states (N, n), (N, 10, 10 (n+1))."""
+        maps = self._maps_to_base(q)
+        return maps.transpose(0, 2, 1, 3).reshape(len(q), PARAMETERS, -1)
 
     def point_jacobian(self, q: FloatArray, p_E_m: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return J (6, 6+n) and R_BE: J nu is the velocity of a point of E and E's rate, in B."""
@@ -317,28 +324,32 @@ class RobotModel:
         J[:3] -= pin.skew(R_BE @ p_E_m) @ J[3:]
         return J, R_BE
 
-    def field_regressor(self, q: FloatArray, G: FloatArray) -> FloatArray:
-        """Return Y (6+n, 10 (n+1)): the field G s, G (3, 3), makes the generalised force Y pi.
+    def field_regressors(self, q: FloatArray, G: FloatArray) -> FloatArray:
+        """Return Y (N, 6+n, 10 (n+1)): at N states the field G (N, 3, 3) makes forces Y pi.
 
         Every mass element at s from the base's origin feels the acceleration G s, in base axes. The
         uniform part by which this differs from the field about the centre of mass moves no joint.
         """
-        maps = self._maps_to_base(q)
-        wrenches = _field_wrench(G) @ maps  # (n+1, 6, 10), about the base's origin
-        rows = np.empty((self.n + 1, 6 + self.n, PARAMETERS))
-        rows[:, :6] = wrenches
-        J = pin.computeJointJacobians(self.model, self.data, self._q)[:, 6:]
-        rows[:, 6:] = np.einsum("sj,bsp->bjp", J, wrenches)
-        rows[:, 6:][~self._carries] = 0.0  # a joint moves only the bodies beyond it
-        regressor: FloatArray = rows.transpose(1, 0, 2).reshape(6 + self.n, -1)
-        return regressor
+        maps, Q = self._maps_to_base(q), self._angles(q)
+        wrenches = _field_wrenches(G)[:, None] @ maps  # (N, n+1, 6, 10), about the base's origin
+        J = np.empty((len(q), 6, self.n))
+        for i in range(len(q)):
+            J[i] = pin.computeJointJacobians(self.model, self.data, Q[i])[:, 6:]
+        rows = np.empty((len(q), self.n + 1, 6 + self.n, PARAMETERS))
+        rows[:, :, :6] = wrenches
+        rows[:, :, 6:] = J.transpose(0, 2, 1)[:, None] @ wrenches
+        rows[:, :, 6:][:, ~self._carries] = 0.0  # a joint moves only the bodies beyond it
+        return rows.transpose(0, 2, 1, 3).reshape(len(q), 6 + self.n, -1)
 
     def _maps_to_base(self, q: FloatArray) -> FloatArray:
-        """Return (n+1, 10, 10): maps of parameters of base and links from their frames to B."""
-        self._q[7:] = q
-        pin.forwardKinematics(self.model, self.data, self._q)
-        X = np.stack([np.array(placement) for placement in list(self.data.oMi)[1:]])
-        return frame_changes(X)
+        """Return (N, n+1, 10, 10): maps of parameters from the frames of base and links to B."""
+        Q, bodies = self._angles(q), self.n + 1
+        X = np.empty((len(q), bodies, 4, 4))
+        for i in range(len(q)):
+            pin.forwardKinematics(self.model, self.data, Q[i])
+            for k, placement in enumerate(list(self.data.oMi)[1:]):
+                X[i, k] = placement.homogeneous
+        return frame_changes(X.reshape(-1, 4, 4)).reshape(len(q), bodies, PARAMETERS, PARAMETERS)
 
 
 def _kind(shortname: str) -> str:
@@ -353,11 +364,18 @@ def _spatial_inertia(pi: FloatArray) -> pin.Inertia:
     return pin.Inertia.FromDynamicParameters(pi)
 
 
-def _field_wrench(G: FloatArray) -> FloatArray:
-    """Return W (6, 10): W pi is force and moment about the origin of the field G s on a body."""
-    W = np.zeros((6, PARAMETERS))
-    W[:3, 1:4] = G
-    for k, P in enumerate(parameter_basis()):
-        M = G @ P[:3, :3]
-        W[3:, k] += (M[2, 1] - M[1, 2], M[0, 2] - M[2, 0], M[1, 0] - M[0, 1])
-    return W
+@lru_cache(maxsize=1)
+def _field_wrench_by_field() -> FloatArray:
+    """Return (60, 9): force and moment about the origin, by parameter, of each element of G."""
+    W = np.zeros((9, 6, PARAMETERS))
+    for k, G in enumerate(np.eye(9).reshape(9, 3, 3)):
+        W[k, :3, 1:4] = G
+        M = G @ parameter_basis()[:, :3, :3]
+        W[k, 3], W[k, 4], W[k, 5] = (M[:, j, i] - M[:, i, j] for i, j in ((1, 2), (2, 0), (0, 1)))
+    return W.reshape(9, -1).T
+
+
+def _field_wrenches(G: FloatArray) -> FloatArray:
+    """Return W (N, 6, 10): W pi is force and moment about the origin of the field G s on a body."""
+    W: FloatArray = G.reshape(-1, 9) @ _field_wrench_by_field().T
+    return W.reshape(-1, 6, PARAMETERS)
