@@ -1,1 +1,1 @@
-"""Coverage-guided fuzzing of every parser that takes bytes from outside."""
+"""Coverage-guided fuzzing of every parser that reads bytes from outside."""

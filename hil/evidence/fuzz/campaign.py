@@ -1,7 +1,7 @@
-"""A fuzzing campaign: every target in its own process, in bouts, resumable.
+"""A fuzzing campaign: each target runs in bouts, and each bout in a separate process.
 
-`DIR/results.jsonl` says what each bout has done; `DIR/corpus/TARGET` is what coverage has
-grown; an input that failed lies in `DIR/failed`.
+`DIR/results.jsonl` has the result of each bout, so that a campaign can be resumed. Coverage grows
+the corpus in `DIR/corpus/TARGET`. `DIR/failed` has the inputs that failed.
 """
 
 import os
@@ -20,11 +20,11 @@ from hil.evidence.store import Row, Store
 from hil.run.processes import tied
 
 BOUT_INPUTS = 50_000
-SEQUENCES = 2_000  # of a bout of the whole daemon: an input is some ten commands
-SHORT_INPUT_BYTES = 128  # of most bouts, or the longest seed: an input's cost goes by its length
-LONG_EVERY = 16  # bouts: one up to MAX_INPUT_BYTES
+SEQUENCES = 2_000  # inputs of a bout of the target operations: each has about ten commands
+SHORT_INPUT_BYTES = 128  # longest input of most bouts, because the cost grows with the length
+LONG_EVERY = 16  # every 16th bout has inputs of up to MAX_INPUT_BYTES
 RSS_LIMIT_MB = 1024
-TIMEOUT_S = 900  # of the clock on the wall: a campaign that was paused continues
+TIMEOUT_S = 900  # of one input in wall-clock time, so long that a campaign can be paused
 BOUT_LIMIT_S = 3600.0
 _UNITS = re.compile(r"stat::number_of_executed_units:\s+(\d+)")
 _RSS = re.compile(r"stat::peak_rss_mb:\s+(\d+)")
@@ -32,16 +32,16 @@ _RSS = re.compile(r"stat::peak_rss_mb:\s+(\d+)")
 
 @dataclass(frozen=True, slots=True)
 class Bout:
-    """Results of one process."""
+    """The result of one bout."""
 
     target: str
-    inputs: int
+    inputs: int  # executed inputs
     peak_rss_mb: int
-    failure: str  # empty: none
+    failure: str  # empty without a failure
 
 
 def bout(target: str, inputs: int, seed: int, most_bytes: int, folder: Path) -> Bout:
-    """Feed a target so many inputs of so many bytes at most in a process of its own."""
+    """Run a target in a separate process with `inputs` inputs of at most `most_bytes`."""
     corpus = folder / "corpus" / target
     failed = folder / "failed"
     failed.mkdir(parents=True, exist_ok=True)
@@ -75,25 +75,25 @@ def bout(target: str, inputs: int, seed: int, most_bytes: int, folder: Path) -> 
 
 
 def _why(code: int, output: bytes) -> str:
-    """Return the exit code and the end of the traceback, which atheris prints."""
+    """Return the exit code and the end of the traceback that atheris prints."""
     return f"exit {code}: {output.decode(errors='replace').strip()[-1000:]}"
 
 
 def longest(target: str, number: int) -> int:
-    """Return how long the inputs of a target's bout may be [bytes]."""
+    """Return the largest length of the inputs in a bout of a target [byte]."""
     if number % LONG_EVERY == 0:
         return MAX_INPUT_BYTES
     return max(SHORT_INPUT_BYTES, *(len(data) for data in seeds(target)))
 
 
 def campaign(inputs: int, folder: Path, seed: int, only: str = "") -> Iterator[Bout]:
-    """Yield bouts until every target has had its share; a target that failed is left alone.
+    """Run and yield bouts until every target has had its share, or has failed.
 
-    What an earlier call in the same folder has done counts.
+    Bouts of earlier calls in the same folder count.
 
     Raises
     ------
-    ScenarioError for a folder of a campaign with another seed.
+    ScenarioError if the folder has a campaign with another seed.
     """
     store = open_store(folder, seed)
     states = summary(folder, store)["targets"]
@@ -110,12 +110,12 @@ def campaign(inputs: int, folder: Path, seed: int, only: str = "") -> Iterator[B
 
 
 def open_store(folder: Path, seed: int) -> Store:
-    """Return the store of a campaign. Raises ScenarioError for one with another seed."""
+    """Return the store of a campaign. Raises ScenarioError if the store has another seed."""
     return Store(folder, {"seed": seed})
 
 
 def summary(folder: Path, store: Store) -> dict[str, Any]:
-    """Return inputs, corpus sizes and failures of a campaign."""
+    """Return the counts of inputs, the corpus sizes and the failures of a campaign."""
     targets: dict[str, dict[str, Any]] = {
         target: {"inputs": 0, "bouts": 0, "rss_mb": 0, "failure": ""} for target in TARGETS
     }
@@ -143,14 +143,14 @@ def _count(held: dict[str, Any], row: Row) -> None:
 def run(
     inputs: int, folder: Path, seed: int, tell: Callable[[Bout], None], only: str = ""
 ) -> dict[str, Any]:
-    """Run a campaign to its end and return the summary."""
+    """Run a campaign to its end, call `tell` with every bout, and return the summary."""
     for result in campaign(inputs, folder, seed, only):
         tell(result)
     return summary(folder, open_store(folder, seed))
 
 
 def keep(folder: Path, kept: Path, most: int, most_bytes: int) -> None:
-    """Copy a small part of what coverage has grown, for regression tests: spread over the sizes."""
+    """Copy at most `most` small files of each corpus, of all sizes, for regression tests."""
     for target in TARGETS:
         files = [(path.stat().st_size, path) for path in (folder / "corpus" / target).iterdir()]
         small = sorted(item for item in files if item[0] <= most_bytes)

@@ -1,10 +1,10 @@
-"""One target in a process of its own, under atheris.
+"""Fuzz one target in this process with atheris.
 
 `python -m hil.evidence.fuzz.child TARGET [OPTIONS of libFuzzer]`.
 
-The flight software, and what it reads files' units with, is instrumented as it is imported.
-libFuzzer ends the process itself: with 0 when the runs are done, else after writing the input that
-failed.
+Imports of the flight software and of its libraries for file delivery are instrumented. libFuzzer
+ends the process: with exit code 0 after all runs, or with another after it has written the input
+that failed.
 """
 
 import sys

@@ -1,7 +1,7 @@
 """A whole daemon in one process and in virtual time: loop, service and control socket.
 
-Telecommands go through the uplink, the executor and the command queue; the loop ticks over a
-simulated plant; blocks go to the store. Everything that is sent is checked for its answer.
+Telecommands pass the uplink, the executor and the command queue. The loop runs with a simulated
+plant, and the store gets the blocks. Every telecommand and every line must be answered.
 """
 
 import os
@@ -39,42 +39,42 @@ from hil.world.sensor_config import SensorConfig
 
 WINDOW_S = 0.1
 LOOK_NS = 100_000_000
-MOST_LOOKS = 80  # until a telecommand that the loop carries out has its end
+MOST_LOOKS = 80  # most calls of `look` until a telecommand is completed
 UNFORESEEN = re.compile(r"\b(?!(?:Tc|Config|Command|Estimator|Text|Port|OS)Error)\w*Error: ")
 LONG = {"RUN_BATCH", "RUN_PLAN", "DOWNLINK_FILE", "DOWNLINK_PIECE", "PLAY_BACK", "CHECK_OBJECT"}
 OUTSIDE = b"nothing of this may change"
-REQUEST_AT = TM_HEADER_BYTES  # in a verification report
+REQUEST_AT = TM_HEADER_BYTES  # place of the request's identity in a verification report
 SEQUENCE_AT = REQUEST_AT + 2
 VERIFICATION = {p.subtype: p.name for p in DICTIONARY.packets if p.service == 1}
 BATCH = (*JOBS, CommandName.ABORT_BATCH, CommandName.ADOPT)
 
 
 class _Recording:
-    """A recorder that starts and stops."""
+    """A stand-in for the recorder, which starts and stops and records nothing."""
 
     path: Path | None = None
     _on = False
 
     def values(self) -> dict[str, Any]:
-        """Return its counters."""
+        """Return the state and the counters as the recorder reports them."""
         words = dict.fromkeys(("failed_messages", "dropped_messages", "recordings"), 0)
         return {"recording": self._on, **words}
 
     def start(self) -> None:
-        """Begin. Raises CommandError."""
+        """Start recording. Raises CommandError if the recording is already on."""
         if self._on:
             raise CommandError("BUSY", "recording")
         self._on = True
 
     def stop(self) -> None:
-        """End. Raises CommandError."""
+        """Stop recording. Raises CommandError if the recording is off."""
         if not self._on:
             raise CommandError("NOT_STAGED", "not recording")
         self._on = False
 
 
 class OperationsBench:
-    """Loop and service in virtual time, with counts of the events and reports they produce."""
+    """Loop and service in virtual time; counts their events and keeps their reports."""
 
     def __init__(self, folder: Path) -> None:
         telemetry = {"port": 0, "housekeeping_interval_s": 0.0, "start_mode": "standby"}
@@ -88,7 +88,7 @@ class OperationsBench:
             setup.history, sensors, 1, start_delay_s=1.0, t0_ns=T0_NS, sync_rate_hz=rate_hz
         )
         self._world = VirtualBench(plant, T0_NS, seed=1)
-        self._later_ns = 0  # of the service's clock, ahead of the loop's
+        self._later_ns = 0  # time of the service less time of the loop
         self.counts: Counter[str] = Counter()
         self.events: deque[Event] = deque(maxlen=1000)
         self.reports: dict[tuple[int, int], list[str]] = {}
@@ -99,7 +99,7 @@ class OperationsBench:
         self._app_open = False
         self._early: list[Event] = []
         self._commands: deque[Command] = deque()
-        self._refused: deque[Command] = deque()  # batch jobs: their worker is a process
+        self._refused: deque[Command] = deque()  # batch commands; the bench has no worker process
         self._open_service(config)
         world = self._world
         names = [bus.name for bus in config.buses]
@@ -138,13 +138,13 @@ class OperationsBench:
         self.outside.write_bytes(OUTSIDE)
 
     def close(self) -> None:
-        """Close what is open."""
+        """Close sockets and service."""
         self._client.close()
         self._control.close()
         self.app.close()
 
     def now_ns(self) -> int:
-        """Return the service's time."""
+        """Return the time of the service [ns]."""
         return self._world.clock.now_ns() + self._later_ns
 
     def put(self, message: Message) -> None:
@@ -200,15 +200,15 @@ class OperationsBench:
             self.reports[request].append(VERIFICATION[packet[8]])
 
     def tick(self, count: int = 1) -> None:
-        """Let the loop tick."""
+        """Give the waiting commands to the loop and run `count` ticks."""
         while self._commands:
             self.daemon.submit(self._commands.popleft())
         for _ in range(count):
             self.daemon.step()
-        self.daemon.loop.stop_requested = False  # a RESTART that was accepted
+        self.daemon.loop.stop_requested = False  # ignore a RESTART that was accepted
 
     def look(self, later_ns: int = LOOK_NS) -> None:
-        """Let the service look at everything once, some time later."""
+        """Run one cycle of the service `later_ns` later, and a tick if commands wait."""
         self._later_ns += later_ns
         if self._commands:
             self.tick()
@@ -221,7 +221,7 @@ class OperationsBench:
         self._control.serve(0.0, self.now_ns())
 
     def give(self, packet: bytes, name: str) -> None:
-        """Give one telecommand and wait for its end."""
+        """Send one telecommand and wait for its completion. Raises OracleError."""
         request = (int.from_bytes(packet[:2], "big"), int.from_bytes(packet[2:4], "big"))
         self.reports = {request: []}
         told = self.reports[request]
@@ -240,24 +240,24 @@ class OperationsBench:
         require(False, "accepted and never ended", name, packet.hex(), told)
 
     def command(self, name: str, **values: object) -> None:
-        """Give a telecommand by name."""
+        """Send a telecommand by name and wait for its completion."""
         self.give(named_telecommand(name, values, self.sequence()), name)
 
     def sequence(self) -> int:
-        """Return the next sequence count."""
+        """Return the next sequence count for a telecommand."""
         self._sequence = (self._sequence + 1) & 0x1FFF
         return self._sequence
 
     def damaged(self, packet: bytes, choices: Choices) -> None:
-        """Give a damaged telecommand and a valid one after it."""
+        """Send a damaged telecommand and then a valid one; check both."""
         damaged_packet(self, packet, choices)
 
     def repaired(self, packet: bytes, choices: Choices) -> None:
-        """Give a changed telecommand whose check value is right."""
+        """Send a changed telecommand with a correct check value; check the effect."""
         repaired_packet(self, packet, choices)
 
     def line(self, data: bytes) -> None:
-        """Give one line of the control socket and wait for its answer."""
+        """Send one line to the control socket and wait for the answer. Raises OracleError."""
         self._client.sendall(data + b"\n")
         answer = b""
         for _ in range(MOST_LOOKS):

@@ -1,4 +1,4 @@
-"""Telecommands damaged on their way, or changed with the check value put right again."""
+"""Telecommands that are damaged on the link, or changed and given a correct check value."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ PING = telecommand_packet(DICTIONARY.telecommand("PING"), {}, 1)
 
 
 def damage(packet: bytes, choices: Choices) -> bytes:
-    """Return the packet with damage that its check value always shows, or that cuts it."""
+    """Return the packet, cut or with damage that the check value always detects."""
     data = bytearray(packet)
     kind = choices.number(3)
-    if kind == 0:  # up to three bits: the code's distance is four
+    if kind == 0:  # up to three bits, because the distance of the code is four
         for _ in range(1 + choices.number(3)):
             bit = choices.number(8 * len(data))
             data[bit // 8] ^= 1 << (bit % 8)
@@ -39,7 +39,7 @@ def damage(packet: bytes, choices: Choices) -> bytes:
 
 
 def repair(packet: bytes, choices: Choices) -> bytes:
-    """Return the packet with other bytes after its header, length and check value right again."""
+    """Return the packet with changed bytes after the header, and correct length and check value."""
     body = bytearray(packet[HEADER_BYTES:-CRC_BYTES])
     for _ in range(1 + choices.number(3)):
         kind, at = choices.number(4), choices.number(len(body))
@@ -57,7 +57,7 @@ def repair(packet: bytes, choices: Choices) -> bytes:
 
 
 def digest(bench: OperationsBench) -> str:
-    """Return everything a telecommand can change, as text."""
+    """Return the state that telecommands can change, as text."""
     app = bench.app
     state = (
         [app.context.parameter(item.name) for item in DICTIONARY.parameters],
@@ -72,7 +72,7 @@ def digest(bench: OperationsBench) -> str:
 
 
 def damaged_packet(bench: OperationsBench, packet: bytes, choices: Choices) -> None:
-    """Give a damaged packet and a valid one after it: only the valid one may be accepted."""
+    """Send a damaged packet and then a valid PING; only the PING may be accepted."""
     bad = damage(packet, choices)
     if (bad + PING).startswith(packet):
         return  # the damage has cancelled itself, or the PING continues the packet
@@ -83,8 +83,8 @@ def damaged_packet(bench: OperationsBench, packet: bytes, choices: Choices) -> N
         found += uplink.expire(now_ns)
     accepted = [i for i in found if i.error is None and not i.is_file and i.packet != PING]
     words = (packet.hex(), bad.hex())
-    # a telecommand in another one is intact, and one that carries others is skipped as far as its
-    # length says: a cut one takes the PING with it
+    # a telecommand inside another one is intact; a cut telecommand that carries others is skipped
+    # up to its length, so the PING is skipped with it
     carries = any(tuple(data[7:9]) in CARRIERS for data in (packet, bad))
     accepted = [item for item in accepted if not (carries and item.packet in packet[1:])]
     require(not accepted, "a damaged packet was accepted", *words)
@@ -104,7 +104,7 @@ def damaged_packet(bench: OperationsBench, packet: bytes, choices: Choices) -> N
 
 
 def repaired_packet(bench: OperationsBench, packet: bytes, choices: Choices) -> None:
-    """Give a changed packet whose check value is right; a refusal counts once and does nothing."""
+    """Send a changed packet with a correct check value; a rejection must count once, no more."""
     changed = repair(packet, choices)
     executor = bench.app.executor
     before, events = digest(bench), _rejections(bench)
@@ -124,5 +124,5 @@ def repaired_packet(bench: OperationsBench, packet: bytes, choices: Choices) -> 
 
 
 def _rejections(bench: OperationsBench) -> int:
-    """Return the events of rejections so far, those that became part of a summary included."""
+    """Return the number of rejection events so far, including those held back for a summary."""
     return bench.counts["TC_REJECTED"] + bench.app.context.reporter.summaries.held

@@ -1,4 +1,4 @@
-"""Target of file delivery: units of CCSDS 727.0-B to one end that receives and sends at once."""
+"""Target of file delivery: units of CCSDS 727.0-B to an entity that receives and sends files."""
 
 import os
 import shutil
@@ -17,7 +17,7 @@ from file_delivery.units import UnitError, packed, parse, transaction_of
 from hil.evidence.fuzz.oracle import SEALED, OracleError, Target, require, segments
 
 MAX_FILE_BYTES = 4096
-MAX_LOOKS = 400  # of at most 32 units: more than all that one unit may ask for
+MAX_LOOKS = 400  # most polls, each of at most 32 units, until the answers to a unit are sent
 DAEMON, GROUND = 1, 2
 LOOK_NS = 10_000_000
 DOWN = Path("down.bin")
@@ -27,22 +27,22 @@ TOWARDS_SENDER = 0x08
 
 
 def modular(content: bytes) -> int:
-    """Return the modular checksum: big-endian words, the last one filled up with zeros."""
+    """Return the modular checksum of CCSDS 727.0-B: the sum of big-endian 32-bit words mod 2^32."""
     padded = content + bytes(-len(content) % 4)
     words = (padded[k : k + 4] for k in range(0, len(padded), 4))
     return sum(int.from_bytes(word, "big") for word in words) & 0xFFFFFFFF
 
 
 class DeliveryUplink:
-    """Encoder of units from the ground that fit one another, and what they say a file is."""
+    """Encodes consistent units from the ground: the end of a file fits the data sent before."""
 
     def __init__(self) -> None:
         self._sent: defaultdict[int, bytearray] = defaultdict(bytearray)
 
     def seal(self, payload: bytes) -> bytes:
-        """Return a unit: kind and transaction in the first byte, its fields behind.
+        """Return a unit; the first byte of `payload` is kind and transaction, the rest its fields.
 
-        Kinds: metadata, data, the end of what this encoder has sent, any directive of either way.
+        Kinds: metadata, data, end of the data sent so far, any directive in either direction.
         """
         head, body = payload[:1].ljust(1, b"\0")[0], payload[1:]
         kind, number, flags = head & 3, head >> 2 & 3, 0x20
@@ -60,7 +60,7 @@ class DeliveryUplink:
             )
         elif kind == METADATA:
             body = b"\x07" + body
-        elif head & 0x10:  # an answer to what comes down
+        elif head & 0x10:  # an answer to the file that the entity sends
             return _unit(flags | TOWARDS_SENDER, body, (DAEMON, 1, GROUND))
         return _unit(flags, body, (GROUND, number, DAEMON))
 
@@ -70,7 +70,7 @@ def _unit(flags: int, body: bytes, ids: tuple[int, int, int]) -> bytes:
 
 
 class DeliveryModel:
-    """Contents that the received units permit: every byte ever sent for an offset, every end."""
+    """The contents that the received units permit: all bytes sent for each offset, all ends."""
 
     def __init__(self) -> None:
         self._bytes: dict[tuple[int, int], defaultdict[int, set[int]]] = {}
@@ -78,7 +78,7 @@ class DeliveryModel:
         self._unchecked: set[tuple[int, int]] = set()
 
     def take(self, raw: bytes) -> None:
-        """Note what a unit says; require that what is accepted can be written again."""
+        """Record a unit; require that an accepted unit can be encoded again."""
         try:
             unit = parse(raw, MAX_FILE_BYTES)
         except UnitError:
@@ -86,7 +86,7 @@ class DeliveryModel:
         require(unit.packet_len <= len(raw), "longer than what came", unit.packet_len, raw)
         again = packed(PduHolder(unit))
         require(again is not None and len(again) == unit.packet_len, "cannot be written", raw)
-        if again is not None and again != raw[: len(again)]:  # written otherwise: the same still?
+        if again is not None and again != raw[: len(again)]:  # another encoding of the same unit
             twice = packed(PduHolder(parse(again, MAX_FILE_BYTES)))
             require(twice == again, "not the same again", raw)
         key = transaction_of(unit)
@@ -101,7 +101,7 @@ class DeliveryModel:
             self._unchecked.add(key)
 
     def explains(self, content: bytes) -> bool:
-        """Return whether the units of one transaction give this content and announce it."""
+        """Return whether the units of one transaction permit this content and its checksum."""
         for key, ends in self._ends.items():
             places: Mapping[int, set[int]] = self._bytes.get(key, {})
             known = all(octet in places.get(at, ()) for at, octet in enumerate(content))
@@ -142,7 +142,7 @@ def delivery_target() -> Target:
 
 
 def _drain(entity: FileEntity, now_ns: int) -> int:
-    """Poll until nothing is left to send; return the time at the end."""
+    """Poll until nothing is left to send; return the time at the end [ns]."""
     for _ in range(MAX_LOOKS):
         now_ns += LOOK_NS
         if not entity.poll(now_ns):
@@ -151,12 +151,12 @@ def _drain(entity: FileEntity, now_ns: int) -> int:
 
 
 def _look(entity: FileEntity, folder: Path, model: DeliveryModel) -> None:
-    """Compare reported ends and files in the folder with the received units."""
+    """Compare the finished transfers with the received units; check the files in the folder."""
     for number, good, text in entity.finished():
         if number == 0 and good:
             content = (folder / text).read_bytes()
             require(model.explains(content), "not what came", text, content)
-    for where, _, names in os.walk(folder):  # after every unit: `Path` walks five times as long
+    for where, _, names in os.walk(folder):  # `Path.walk` is five times slower
         for name in names:
             path = os.path.join(where, name)
             require(os.stat(path).st_size <= MAX_FILE_BYTES, "too large a file", path)

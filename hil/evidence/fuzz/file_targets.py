@@ -1,4 +1,4 @@
-"""Targets of files: checkpoints and recordings."""
+"""Targets for files: checkpoints and recordings."""
 
 import os
 import struct
@@ -23,13 +23,13 @@ TOPICS = ("/can/arm", "/serial/imu", "/tc")
 
 
 def sealed_checkpoint(body: bytes) -> bytes:
-    """Return a file around a body, length and check value right."""
+    """Return a checkpoint file around a body, with correct length and check value."""
     head = HEAD.pack(MAGIC, FORMAT_VERSION, 1, 2, 3, len(body))
     return head + body + struct.pack("<I", zlib.crc32(head + body))
 
 
 def checkpoint_target() -> Target:
-    """Return the target of a checkpoint: behind `+` a body, else the whole file."""
+    """Return the target of checkpoints; an input is `+` and a body, or a whole file."""
     identity = Identity(1, 2)
 
     def one(data: bytes) -> None:
@@ -47,7 +47,7 @@ def checkpoint_target() -> Target:
 
 
 def recording_target() -> Target:
-    """Return the target of a recording's reader: an MCAP file, whole, cut or damaged."""
+    """Return the target of the reader of recordings; an input is an MCAP file or a damaged one."""
     fd = os.memfd_create("fuzz")
     path = Path(f"/proc/self/fd/{fd}")
 

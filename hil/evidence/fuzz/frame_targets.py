@@ -1,4 +1,4 @@
-"""Targets of the CAN bus: PDO codecs, error frames, the bus source, and frames as recorded."""
+"""Targets for the CAN bus: PDO codecs, error frames, the bus source, and recorded frames."""
 
 import struct
 
@@ -17,7 +17,7 @@ FLAGS = ("is_error", "is_remote", "is_extended", "is_fd")
 
 
 def canopen_target() -> Target:
-    """Return the target of a bus with a classic and an FD joint."""
+    """Return the target of a bus with one joint in classic format and one in FD format."""
     bus = BusConfig.model_validate(
         {"name": "arm", "interface": "virtual", "channel": "c", "rate_hz": 250.0, "fd": True}
     )
@@ -68,7 +68,7 @@ def canopen_target() -> Target:
 
 
 def _frame(op: int, payload: bytes, t_ns: int) -> CanFrame:
-    """Return a frame; one in four identifiers is any, the rest are those of the joints."""
+    """Return a frame; one in four identifiers is arbitrary, the others belong to the two joints."""
     common = (0x080, 0x191, 0x192, 0x291, 0x091, 0x711, 0x111 + 0x80, 0x712)
     any_id = int.from_bytes(payload[:2], "big") & 0x7FF
     can_id = any_id if op & 0x03 == 0 else common[payload[0] & 7]
@@ -86,7 +86,7 @@ def _frame(op: int, payload: bytes, t_ns: int) -> CanFrame:
 
 
 def check_codecs(frame: CanFrame) -> None:
-    """Decode a frame's data as every service, and encode again what was accepted."""
+    """Decode the data of a frame as every service; require that encoding gives the same data."""
     data = frame.data
     octets = np.frombuffer(data, np.uint8)[None]
     if len(data) == canopen.TPDO1_BYTES:
@@ -131,7 +131,7 @@ def check_codecs(frame: CanFrame) -> None:
 
 
 def recorded_frame_target() -> Target:
-    """Return the target of a frame in its Linux structure."""
+    """Return the target of recorded frames, which have the layout of Linux `can_frame`."""
 
     def one(data: bytes) -> None:
         size = 72 if data[:1] >= b"\x80" else 16

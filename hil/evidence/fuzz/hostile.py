@@ -1,7 +1,7 @@
-"""A grammar of what an operator, or an attacker, may send: valid in form, hostile in content.
+"""A grammar of the inputs of an operator or attacker: valid in form, hostile in content.
 
 Telecommands and their arguments come from the dictionary, tables from the schema of the
-configuration. Most values are within their bounds, some on them, a few far beyond.
+configuration. Most values are within their bounds, some on a bound, a few far outside.
 """
 
 import json
@@ -39,7 +39,7 @@ BOMB = "a: &a [x,x,x,x,x,x,x,x,x]\n" + "".join(
 )
 BODY = "com_m: [0, 0, 0], inertia_kg_m2: [6, 0, 0, 5, 0, 4]"
 SIGMA = "sigma: {mass_kg: 40, com_m: [0.2, 0.2, 0.2], inertia_kg_m2: [3, 1, 1, 3, 1, 3]}"
-TEXTS = (  # what has ended the daemon once
+TEXTS = (  # tables that have crashed the daemon once
     "joints: {%(joint)s: {position_noise_rad: 2.0e-5}}",
     "joints: {%(joint)s: {position_noise_rad: 1.0e-6, torque_noise_nm: 0.05}}",
     f"bodies: {{target: {{mass_kg: 1.0e-6, {BODY}, {SIGMA}}}}}",
@@ -83,13 +83,13 @@ ROBOT_EDITS = (
 
 
 class Grammar:
-    """Makes hostile things out of choices.
+    """Makes hostile telecommands, tables and lines from choices.
 
     Parameters
     ----------
     joints : names of the robot's joints
-    robot : its URDF
-    without : telecommands and commands that are never made
+    robot : text of the robot's URDF
+    without : names of telecommands and commands that are never made
     """
 
     def __init__(
@@ -101,7 +101,7 @@ class Grammar:
         self._schemas = [m.model_json_schema() for m in (NoiseTable, RatesTable, MonitorsTable)]
 
     def telecommand(self, choices: Choices, sequence: int, depth: int = 0) -> bytes:
-        """Return one telecommand, its arguments mostly within their bounds."""
+        """Return the packet of one telecommand; most of its arguments are within their bounds."""
         item = choices.one(self._telecommands)
         if item.repeats and item.service == 20:
             return self._parameters(item, choices, sequence)
@@ -148,7 +148,7 @@ class Grammar:
         return min(max(choices.one(edges), least), most)
 
     def table(self, number: int, choices: Choices) -> bytes:
-        """Return the content of a table: 0 the robot, then noise, rates and monitors."""
+        """Return the content of a table; `number` is 0 robot, 1 noise, 2 rates, 3 monitors."""
         if choices.once_in(4):
             return (choices.one(TEXTS) % {"joint": self._joints[0]}).encode()
         if number == 0:
@@ -158,7 +158,7 @@ class Grammar:
         return (choices.one(("", "", "a: 1\n", "--- x\n")) + text).encode()
 
     def robot(self, choices: Choices) -> bytes:
-        """Return the robot's URDF with a few of its words replaced."""
+        """Return the robot's URDF with at most two places replaced."""
         text = self._robot
         for _ in range(choices.number(3)):
             pattern, word = choices.one(ROBOT_EDITS)
@@ -169,7 +169,7 @@ class Grammar:
         return text.encode("latin-1" if choices.once_in(16) else "utf-8", "replace")
 
     def _value(self, schema: dict[str, Any], known: dict[str, Any], choices: Choices) -> Any:  # noqa: ANN401
-        """Return a value that a JSON schema allows, once in a while another."""
+        """Return a value that a JSON schema allows; sometimes a strange value."""
         if choices.once_in(40):
             return choices.one(STRANGE)
         while "$ref" in schema or "anyOf" in schema:
@@ -222,7 +222,7 @@ class Grammar:
         return int(value) if schema["type"] == "integer" and abs(value) < 1e18 else value
 
     def line(self, choices: Choices) -> bytes:
-        """Return one line of the control socket."""
+        """Return one line for the control socket, without the line feed."""
         name = choices.one(self._commands)
         values: dict[str, object] = {"command": name}
         if name == "run_batch" or choices.once_in(8):
@@ -245,7 +245,7 @@ class Grammar:
 
 
 def named_telecommand(name: str, values: dict[str, object], sequence: int) -> bytes:
-    """Return the packet of a telecommand; a value of an enumeration may be given by its name."""
+    """Return the packet of a telecommand; values of enumerations may be names."""
     item = DICTIONARY.telecommand(name)
     words = {}
     for field in item.arguments:

@@ -1,10 +1,10 @@
 """The hostile grammar against real processes: plant, loop and service, over TCP and socket.
 
-A stretch without commands comes before and after the attack. What must hold besides the oracle of
-`operations.py`: loop and service are the same processes at the end; the loop's own work exceeds a
-tick no more often under attack than in the worse of the quiet stretches, but for MOST_MORE_OWN in a
-thousand, and it misses no more ticks, but for MOST_MORE_SLIPS; the memory of each process grows by
-MOST_GROWTH_MB at most after the first tenth of the cases.
+A quiet stretch without commands comes before and after the attack. These must hold besides the
+requirements of `operations.py`: no process of the daemon has ended. Compared with the worse quiet
+stretch, the loop's own work exceeds a tick in at most MOST_MORE_OWN more of a thousand ticks, and
+the loop misses at most MOST_MORE_SLIPS more. After the first tenth of the cases, the memory of each
+process grows by at most MOST_GROWTH_MB.
 """
 
 from __future__ import annotations
@@ -38,20 +38,20 @@ from hil.world.scenario import at_rates, load
 RATE_HZ, IMU_RATE_HZ = 100.0, 125
 QUIET_S = 20.0
 STRETCHES = ("before", "attacked", "after")
-MOST_MORE_SLIPS = 5.0  # in a thousand ticks, of the machine's making
-MOST_MORE_OWN = 0.5  # in a thousand ticks, of the loop's own work
+MOST_MORE_SLIPS = 5.0  # in a thousand ticks; the machine causes such slips
+MOST_MORE_OWN = 0.5  # in a thousand ticks; ticks whose own work exceeds the period
 MOST_GROWTH_MB = 64.0  # of each process
 ANSWER_S, START_S, LINE_S = 30.0, 60.0, 20.0
-LOOK_S = 0.05  # at most, whatever the grammar says
+LOOK_S = 0.05  # longest real time of `look`
 INPUT_BYTES = 120
 HEADER_BYTES = 6
 RESTART = re.compile(rb"\x08\x01..\x00\x05", re.DOTALL)  # PUS 8,1 with function 5
-WITHOUT = frozenset({"RESTART"})  # ends the loop by intent
+WITHOUT = frozenset({"RESTART"})  # a valid RESTART ends the loop
 Request = tuple[int, int]
 
 
 class LiveTarget:
-    """The daemon as processes; `play` gives it what it gives the bench in virtual time."""
+    """The daemon as processes, with the interface that `play` uses (`operations.Attacked`)."""
 
     def __init__(self, grammar: Grammar, state: Path, port: int) -> None:
         self.grammar, self.counts = grammar, Counter[str]()
@@ -67,20 +67,20 @@ class LiveTarget:
         self._link.close()
 
     def sequence(self) -> int:
-        """Return the next sequence count."""
+        """Return the next sequence count for a telecommand."""
         self._sequence = (self._sequence + 1) & 0x1FFF
         return self._sequence
 
     def look(self, later_ns: int = 0) -> None:
-        """Let the daemon run for a moment."""
+        """Read telemetry for `later_ns` of real time [ns], at most LOOK_S."""
         self._read(min(later_ns * 1e-9, LOOK_S))
 
     def tick(self, count: int = 1) -> None:
-        """Let the loop tick."""
+        """Read telemetry for the duration of `count` ticks."""
         self._read(count / RATE_HZ)
 
     def give(self, packet: bytes, name: str) -> None:
-        """Give one telecommand and wait for its end."""
+        """Send one telecommand and wait for its completion. Raises OracleError."""
         begun = self._exchange(packet, packet, bool)
         require(begun[0].startswith(("acceptance", "routing")), "not answered", packet.hex(), begun)
         self.counts["telecommands"] += 1
@@ -92,15 +92,15 @@ class LiveTarget:
             self._until(request, lambda words: any(w.startswith("completion") for w in words))
 
     def command(self, name: str, **values: object) -> None:
-        """Give a telecommand by name."""
+        """Send a telecommand by name and wait for its completion."""
         self.give(named_telecommand(name, values, self.sequence()), name)
 
     def damaged(self, packet: bytes, choices: Choices) -> None:
-        """Give a damaged telecommand; the daemon answers the PING after it."""
+        """Send a damaged telecommand and then a PING, which the daemon must answer."""
         self._changed(damage(packet, choices), "damaged")
 
     def repaired(self, packet: bytes, choices: Choices) -> None:
-        """Give a changed telecommand whose check value is right; then a PING."""
+        """Send a changed telecommand with a correct check value, and then a PING."""
         self._changed(repair(packet, choices), "repaired")
 
     def _changed(self, changed: bytes, kind: str) -> None:
@@ -111,7 +111,7 @@ class LiveTarget:
         self.counts[kind] += 1
 
     def line(self, data: bytes) -> None:
-        """Give one line of the control socket and wait for its answer."""
+        """Send one line to the control socket and wait for the answer. Raises OracleError."""
         answer = b""
         with socket.socket(socket.AF_UNIX) as client:
             client.settimeout(LINE_S)
@@ -130,7 +130,7 @@ class LiveTarget:
         return self._until(_request(packet), ended)
 
     def _until(self, request: Request, ended: Callable[[list[str]], bool]) -> list[str]:
-        """Read until the reports on a request say the end. Raises OracleError."""
+        """Read until `ended` accepts the reports on a request; return them. Raises OracleError."""
         until_s = time.monotonic() + ANSWER_S
         words = self._found[request]
         while not ended(words):
@@ -139,7 +139,7 @@ class LiveTarget:
         return words
 
     def _read(self, wait_s: float, *, once: bool = False) -> None:
-        """Read telemetry for some time, or until some has come."""
+        """Read telemetry for `wait_s` [s]; `once`: only until the first bytes."""
         until_s = time.monotonic() + wait_s
         while (left_s := until_s - time.monotonic()) > 0.0:
             self._link.settimeout(left_s)
@@ -185,14 +185,14 @@ def _request(packet: bytes) -> Request:
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """Ticks, slips, and ticks whose own work exceeded the period, at an instant."""
+    """Counts of ticks, slips, and ticks whose own work exceeded the period, at one time."""
 
     ticks: int
     slips: int
     over_budget: int
 
     def since(self, before: Mark) -> float:
-        """Return the slips in a thousand ticks since another mark."""
+        """Return the slips in a thousand ticks since an earlier mark."""
         return 1e3 * (self.slips - before.slips) / max(1, self.ticks - before.ticks)
 
     def own_since(self, before: Mark) -> float:
@@ -201,15 +201,15 @@ class Mark:
 
 
 def run(cases: int, folder: Path, seed: int, advance: Callable[[int], None]) -> dict[str, Any]:
-    """Attack real processes; return the figures.
+    """Attack real processes with `cases` cases; call `advance` with the number of cases so far.
 
     Returns
     -------
-    The counts, `missed` (more slips than the bound) and `faults` (whatever else did not hold).
+    The counts, `missed` (whether a bound of slips or work is exceeded) and `faults` (all others).
 
     Raises
     ------
-    OracleError for a case without its answer. LiveError when a process does not start.
+    OracleError for a case without an answer. LiveError if a process does not start.
     """
     scenario = at_rates(load("target_leo"), RATE_HZ, IMU_RATE_HZ)
     setup = prepare(scenario, seed, folder, real_time=True, telemetry={"port": 0})
@@ -253,7 +253,7 @@ def _attack(
             warm = [resident_bytes(pid) / 2**20 for pid in pids]
     attacked_s = time.monotonic() - began_s
     grown = [resident_bytes(p) / 2**20 - mb for p, mb in zip(pids, warm or (), strict=True)]
-    target.tick(100)  # until the status file shows it
+    target.tick(100)  # until the status file shows the end of the attack
     marks.append(_mark(state))
     target.tick(round(QUIET_S * RATE_HZ))
     marks.append(_mark(state))
@@ -279,7 +279,7 @@ def _attack(
 
 
 def _port(state: Path) -> int:
-    """Return the port of the link once there is one. Raises LiveError."""
+    """Wait for the link; return its TCP port. Raises LiveError after START_S."""
     until_s = time.monotonic() + START_S
     while time.monotonic() < until_s:
         status = read_status(state / "status.json")

@@ -1,7 +1,7 @@
-"""Many hostile operations at full speed: random inputs, no coverage, in resumable blocks.
+"""Many hostile operations at full speed: random inputs without coverage, in resumable blocks.
 
-`results.jsonl` says of every block how many cases it was and what memory the process held at its
-end; an input that failed stands there in hexadecimal digits.
+`results.jsonl` has for every block without a failure the number of cases, the counts of events,
+and the memory of the process at the end.
 """
 
 import random
@@ -21,21 +21,21 @@ INPUT_BYTES = 120
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """Results of one block."""
+    """The result of one block."""
 
     number: int
     cases: int
-    happened: dict[str, int]  # how often, by name
-    resident_mb: float  # of this process at the end
-    failure: str  # with its input; empty: none
+    happened: dict[str, int]  # counts of the bench by name, such as events
+    resident_mb: float  # memory of this process at the end
+    failure: str  # the failed input in hexadecimal digits and the error; empty without a failure
 
 
 def blocks(cases: int, seed: int, store: Store) -> Iterator[Block]:
-    """Play so many cases in one bench, but for the blocks in the store; end at a failure.
+    """Run and yield the blocks that the store lacks, all in one bench; end after a failure.
 
     Parameters
     ----------
-    seed : of all inputs; a block's inputs are the same whether it is resumed or not
+    seed : fixes all inputs; a resumed campaign has the same inputs
     """
     numbers = range(-(-cases // BLOCK_CASES))
     todo = [number for number in numbers if str(number) not in store.rows]
@@ -69,7 +69,7 @@ def _play_block(bench: OperationsBench, number: int, cases: int, seed: int) -> B
 
 
 def summary(store: Store) -> dict[str, object]:
-    """Return cases, what happened how often, and the memory at the ends of the blocks."""
+    """Return the number of cases, the counts by name, and the memory at the end of each block."""
     rows = list(store.rows.values())
     names = sorted({name for row in rows for name in row["happened"]})
     return {

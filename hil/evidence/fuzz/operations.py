@@ -1,9 +1,9 @@
-"""Target of a whole daemon: an input is a sequence of hostile commands, tables, files and lines.
+"""Target for a whole daemon: an input is a sequence of hostile commands, tables, files and lines.
 
 Loop and service are the real ones, in one process and in virtual time (`daemon_bench.py`). These
-must hold: nothing raises; every telecommand is answered, with its completion where it was accepted;
-every line of the control socket has one answer; no error is unforeseen; reports stay short; nothing
-that waits grows; a packet that is damaged or refused is counted once and changes nothing.
+must hold: nothing raises; every telecommand is answered, and every accepted one is completed; every
+line of the control socket has one answer; no event reports an unforeseen error; a file outside the
+file area stays unchanged; a damaged or rejected packet is counted once and changes nothing.
 """
 
 import atexit
@@ -21,17 +21,17 @@ from hil.evidence.fuzz.daemon_bench import LOOK_NS, OUTSIDE, OperationsBench
 from hil.evidence.fuzz.hostile import Grammar
 from hil.evidence.fuzz.oracle import Target, require
 
-MOST_STEPS = 24  # of one sequence
-WINDOW_TICKS = 110  # two windows and their lag, as the loop receives them
+MOST_STEPS = 24  # most steps of one input
+WINDOW_TICKS = 110  # ticks for two windows and their lag
 PIECE_BYTES = 900
 TABLES = ("ROBOT", "NOISE", "RATES", "MONITORS")
-KINDS, TURN = 200, 40  # of steps: an upload is one of 200, what else `_step` lists one of 40
-MEMORY = Path("/dev/shm")  # fsync costs nothing there
+KINDS, TURN = 200, 40  # 1 of 200 steps is an upload; each other kind in `_step` is 1 of 40
+MEMORY = Path("/dev/shm")  # in memory, so that fsync is fast
 NAMES = {(t.service, t.subtype, t.function_id): t.name for t in DICTIONARY.telecommands}
 
 
 def operations_target() -> Target:
-    """Return the target of a whole daemon in virtual time; it is open until the process ends."""
+    """Return the target for a whole daemon in virtual time; the process's end closes its bench."""
     folder = fresh_folder()
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     bench = OperationsBench(folder)
@@ -40,7 +40,7 @@ def operations_target() -> Target:
 
 
 def fresh_folder() -> Path:
-    """Return a new folder for a bench, in memory where there is room."""
+    """Return a new folder for a bench, in memory if the system has /dev/shm."""
     return Path(
         tempfile.mkdtemp(prefix="fuzz-operations-", dir=MEMORY if MEMORY.is_dir() else None)
     )
@@ -55,32 +55,32 @@ class Attacked(Protocol):
     outside: Path
 
     def sequence(self) -> int:
-        """Return the next sequence count."""
+        """Return the next sequence count for a telecommand."""
 
     def give(self, packet: bytes, name: str) -> None:
-        """Give one telecommand and wait for its end."""
+        """Send one telecommand and wait for its completion."""
 
     def command(self, name: str, **values: object) -> None:
-        """Give a telecommand by name."""
+        """Send a telecommand by name and wait for its completion."""
 
     def damaged(self, packet: bytes, choices: Choices) -> None:
-        """Give a damaged telecommand and a valid one after it."""
+        """Send a damaged telecommand and then a valid one; check both."""
 
     def repaired(self, packet: bytes, choices: Choices) -> None:
-        """Give a changed telecommand whose check value is right."""
+        """Send a changed telecommand with a correct check value."""
 
     def line(self, data: bytes) -> None:
-        """Give one line of the control socket and wait for its answer."""
+        """Send one line to the control socket and wait for the answer."""
 
     def look(self, later_ns: int = LOOK_NS) -> None:
-        """Let the service run."""
+        """Let the service run until `later_ns` later [ns]."""
 
     def tick(self, count: int = 1) -> None:
-        """Let the loop tick."""
+        """Let the loop run for `count` ticks."""
 
 
 def play(bench: Attacked, data: bytes) -> None:
-    """Play one input as a sequence of hostile steps. Raises OracleError."""
+    """Run one input as a sequence of hostile steps. Raises OracleError if a requirement fails."""
     choices = Choices(data)
     for _ in range(MOST_STEPS):
         if not choices.more:
@@ -114,14 +114,14 @@ def _step(bench: Attacked, choices: Choices) -> None:
 
 
 def name_of(packet: bytes) -> str:
-    """Return the name of the telecommand in a packet."""
+    """Return the name of the telecommand in a packet; empty if it is unknown."""
     service, subtype = packet[7], packet[8]
     function = int.from_bytes(packet[11:13], "big") if service == 8 else None
     return NAMES.get((service, subtype, function), "")
 
 
 def _upload(bench: Attacked, choices: Choices) -> None:
-    """Load a table, validate, and mostly activate it; then let the loop take a window with it."""
+    """Load, validate and activate a table; let the loop use an active robot or noise table."""
     number = choices.number(4)
     table, content = TABLES[number], bench.grammar.table(number, choices)
     crc32 = zlib.crc32(content)
@@ -148,7 +148,7 @@ def _upload(bench: Attacked, choices: Choices) -> None:
 
 
 def _file(bench: Attacked, choices: Choices) -> None:
-    """Put something strange into the file area."""
+    """Put a file, a link or a folder into the file area, in place of an earlier file."""
     path = bench.files / choices.one(("a.txt", "loop", "deep", "table", "empty"))
     kind = choices.number(5)
     if path.is_symlink() or path.is_file():

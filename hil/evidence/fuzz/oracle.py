@@ -1,8 +1,8 @@
-"""Questions that every target may ask, and streams with correct check values from inputs.
+"""Checks for all targets, and streams with correct check values made from inputs.
 
-An input is read as segments `op | length | payload`. Random bytes hardly ever have a right CRC, so
-a segment may be sealed: its check value is put behind it by an encoder the flight software does not
-share. The rest goes as it is.
+An input is read as segments `op | length | payload`. Random bytes hardly ever have a correct CRC.
+So a segment may be sealed: an encoder that is independent of the flight software adds the check
+value. Other segments are used unchanged.
 """
 
 from collections.abc import Callable, Iterator
@@ -15,7 +15,7 @@ Seal = Callable[[bytes], bytes]
 
 
 class OracleError(AssertionError):
-    """A parser did what it must not."""
+    """A requirement on a parser is violated."""
 
 
 def require(condition: object, what: str, *details: object) -> None:
@@ -25,7 +25,7 @@ def require(condition: object, what: str, *details: object) -> None:
 
 
 def segments(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """Yield op and payload of every segment; the last one may be short."""
+    """Yield op and payload of every segment; the last payload may be shorter than its length."""
     at = 0
     while at + 2 <= len(data):
         op, length = data[at], data[at + 1]
@@ -34,7 +34,7 @@ def segments(data: bytes) -> Iterator[tuple[int, bytes]]:
 
 
 def chunks(data: bytes, seal: Seal) -> list[bytes]:
-    """Return the stream of an input in the pieces it says."""
+    """Return the stream of an input, divided into pieces at the segments with ENDS_CHUNK."""
     out, piece = [], b""
     for op, payload in segments(data):
         piece += seal(payload) if op & SEALED else payload

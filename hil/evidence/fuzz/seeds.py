@@ -1,4 +1,4 @@
-"""First inputs of the targets: correct ones, so that coverage begins behind the check values."""
+"""First inputs of the targets: correct inputs, so that coverage begins after the check values."""
 
 import tempfile
 from collections.abc import Callable
@@ -20,7 +20,7 @@ from hil.evidence.fuzz.hostile import PATHS, ROBOT_EDITS, TEXTS
 from hil.evidence.fuzz.oracle import ENDS_CHUNK, SEALED
 from hil.evidence.fuzz.text_targets import CORRECT
 
-# docs/icd.md section 2, without the CRC that sealing puts behind it
+# docs/icd.md section 2, without the CRC, which sealing adds
 STIM_VECTOR = bytes.fromhex(
     "a5004000008000ff40000000cccdfe666600666600190019801a0000180018801900002a04d2"
 )
@@ -32,7 +32,7 @@ def segment(op: int, payload: bytes) -> bytes:
 
 
 def seeds(name: str) -> list[bytes]:
-    """Return the first inputs of a target."""
+    """Return the first inputs of a target. Raises KeyError for an unknown name."""
     makers: dict[str, Callable[[], list[bytes]]] = {
         "canopen": _frames,
         "recorded_frame": _recorded,
@@ -56,7 +56,7 @@ def seeds(name: str) -> list[bytes]:
 
 
 def _operations() -> list[bytes]:
-    """Return uploads of every table that has ended a daemon, links, lines, each telecommand."""
+    """Return uploads of hostile tables and robots, a line, file commands on a link, and others."""
     uploads = [bytes((0, table, 3, k)) for table in (1, 2, 3) for k in range(len(TEXTS))]
     robots = [bytes((0, 0, 0, 1, k, 0)) for k in range(len(ROBOT_EDITS))]
     links = bytes((2, 1, 1))
@@ -143,11 +143,11 @@ def _telecommands() -> list[bytes]:
 
 
 def _deliveries() -> list[bytes]:
-    """Return a file that comes whole, one whose units are mixed up, and answers to one sent."""
+    """Return a whole file, a file in wrong order, answers to a sent file, and a mixture of all."""
     named = bytes((0, 0, 0, 0, 8)) + b"\x05a.bin" + b"\x05b.bin"
     begin, end = segment(SEALED, bytes((METADATA,)) + named), segment(SEALED, bytes((END, 0)))
     data = [segment(SEALED, bytes((DATA, k)) + bytes((k, 1, 2, 3))) for k in range(2)]
-    final = segment(SEALED, bytes((ANY,)) + bytes((0x06, 0x51, 0x01)))  # acknowledges FINISHED
+    final = segment(SEALED, bytes((ANY,)) + bytes((0x06, 0x51, 0x01)))  # acknowledge FINISHED
     nak = b"\x08" + bytes(4) + (1536).to_bytes(4, "big") + bytes(6) + b"\x01\0"
     answers = [b"\x06\x41\x01", nak, b"\x05\x02"]
     back = b"".join(segment(SEALED, bytes((ANY | 0x10,)) + body) for body in answers)

@@ -1,4 +1,4 @@
-"""Targets of the serial lines: framing, codecs and sources of inertial unit and star tracker."""
+"""Targets for the serial lines: framing, codecs and sources of inertial unit and star tracker."""
 
 import struct
 from collections.abc import Callable, Mapping, Sequence, Sized
@@ -19,7 +19,7 @@ from hil.evidence.fuzz.oracle import Target, chunks, require
 MS = 1_000_000
 MOUNTING = {"p_BS_m": [0.0, 0.0, 0.0], "q_BS_xyzw": [0.0, 0.0, 0.0, 1.0]}
 LONGEST = {"stim300": 65, "mip": 134, "sagitta": 1024}  # bytes of a frame, docs/icd.md
-SPLIT_BYTES = 128  # a longer stream is not fed byte by byte too: time
+SPLIT_BYTES = 128  # a longer stream is not also fed byte by byte, which is slow
 CONSERVED = ("accepted_bytes", "rejected_bytes", "skipped_bytes", "pending_bytes")
 Confirm = Callable[[bytes], None]
 
@@ -33,7 +33,7 @@ class Source(Protocol):
         ...
 
     def feed(self, chunks: Sequence[ByteChunk]) -> Sized:
-        """Feed chunks to the decoder."""
+        """Decode chunks; return the samples."""
         ...
 
 
@@ -57,7 +57,7 @@ def imu_config(driver: str, *, crlf: bool = False) -> ImuConfig:
 
 
 def tracker_config() -> StarTrackerConfig:
-    """Return the configuration of a star tracker that is dated by its own stamps."""
+    """Return the configuration of a star tracker whose samples have the unit's own times."""
     return StarTrackerConfig.model_validate(
         {
             "port": "p",
@@ -72,7 +72,7 @@ def tracker_config() -> StarTrackerConfig:
 
 
 def framed(matcher: Matcher, pieces: Sequence[bytes]) -> tuple[list[Frame], Framer]:
-    """Return the frames of a stream that came in pieces."""
+    """Return the frames of a stream that is fed in pieces, and the framer."""
     framer = Framer(matcher)
     frames = []
     for k, piece in enumerate(pieces):
@@ -88,12 +88,12 @@ def check_stream(
     longest: int,
     confirm: Confirm,
 ) -> None:
-    """Check conservation, bounds, independence of the pieces, and every accepted frame.
+    """Check that no byte is lost, buffers are bounded, pieces do not matter, and frames are right.
 
     Parameters
     ----------
-    longest : most bytes that may wait
-    confirm : encodes a frame again, independently, and requires the same bytes
+    longest : most bytes that may wait in the framer
+    confirm : encodes a frame again with an independent encoder and requires the same bytes
     """
     pieces = chunks(data, seal)
     whole = b"".join(pieces)
@@ -132,7 +132,7 @@ def check_counters(counts: Mapping[str, int]) -> None:
 
 
 def seal_stim(payload: bytes, *, crlf: bool) -> bytes:
-    """Return a datagram of the identifier the payload begins with, cut or filled to its length."""
+    """Return a datagram for the identifier in the first byte, with its length and its CRC."""
     if not payload or payload[0] not in stim300.LAYOUTS:
         return payload
     body = payload.ljust(80, b"\0")[: stim_device.layout_of(payload[0]).length - 4]
@@ -141,7 +141,7 @@ def seal_stim(payload: bytes, *, crlf: bool) -> bytes:
 
 
 def confirm_stim(frame: bytes, *, crlf: bool) -> None:
-    """Encode the decoded values of a datagram again."""
+    """Decode a datagram, encode the values again, and require the same bytes."""
     datagram = stim300.decode_datagram(frame, 10)
     if isinstance(datagram, Reject):
         require(False, "an accepted datagram is not decoded", frame, datagram)
@@ -187,7 +187,7 @@ def stim_target(*, crlf: bool = False) -> Target:
 
 
 def seal_mip(payload: bytes) -> bytes:
-    """Return a packet of data set and fields: length and check bytes put in."""
+    """Return a packet for a payload of descriptor set and fields; add length and check bytes."""
     body = (
         bytes.fromhex("7565")
         + payload[:1].ljust(1, b"\x80")
@@ -199,7 +199,7 @@ def seal_mip(payload: bytes) -> bytes:
 
 
 def confirm_mip(frame: bytes) -> None:
-    """Require length, check bytes and, where it is a measurement, the values."""
+    """Require correct length and check bytes and, for a measurement, the values of the packet."""
     require(seal_mip(frame[2:3] + frame[4:-2]) == frame, "no packet", frame)
     datagram = mip.MipCodec().decode(Frame(frame, ()))
     if datagram is None or isinstance(datagram, Reject):
@@ -222,7 +222,7 @@ def mip_target() -> Target:
 
 
 def confirm_sagitta(frame: bytes) -> None:
-    """Frame the payload again; the escapes have one form only."""
+    """Frame the payload of a frame again; require the same bytes, because escapes are unique."""
     payload = sagitta.decode_payload(frame)
     if isinstance(payload, Reject):
         require(False, "an accepted frame has no payload", frame, payload)

@@ -1,4 +1,4 @@
-"""Every target by name; what it needs is imported when it is made."""
+"""Every target by name; the module of a target is imported when the target is made."""
 
 from collections.abc import Callable
 from functools import partial
@@ -8,7 +8,7 @@ from hil.evidence.fuzz.oracle import Target
 
 SLOW = frozenset(
     {"stim300", "mip", "sagitta", "config", "recording", "tc_frame", "file_unit", "operations"}
-)  # get fewer inputs
+)  # these targets get fewer inputs
 TARGETS: dict[str, tuple[str, str]] = {
     "canopen": ("hil.evidence.fuzz.frame_targets", "canopen_target"),
     "recorded_frame": ("hil.evidence.fuzz.frame_targets", "recorded_frame_target"),
@@ -27,9 +27,9 @@ TARGETS: dict[str, tuple[str, str]] = {
 
 
 def quota(inputs: int, only: str = "") -> dict[str, int]:
-    """Return how many of all inputs each target gets: at least a twentieth, fast ones more.
+    """Return the number of inputs of each target: at least a twentieth of all, more if it is fast.
 
-    `only` : a target that gets all of them.
+    If `only` names a target, this target gets all inputs.
     """
     if only:
         return {only: inputs}

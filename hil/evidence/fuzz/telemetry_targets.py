@@ -1,4 +1,4 @@
-"""Targets of the ground link: telecommand packets in clear and in authenticated frames."""
+"""Targets for the ground link: telecommand packets in clear, and authenticated frames."""
 
 import binascii
 from collections.abc import Callable, Mapping
@@ -19,12 +19,12 @@ KNOWN_ID = 0x1800 | APID_ESTIMATOR
 
 
 def with_crc(body: bytes) -> bytes:
-    """Append CRC-16 CCITT-FALSE."""
+    """Return the body with its CRC-16 CCITT-FALSE appended."""
     return body + binascii.crc_hqx(body, 0xFFFF).to_bytes(2, "big")
 
 
 def seal_packet(payload: bytes) -> bytes:
-    """Return a telecommand packet of ours around secondary header and data, or a file packet."""
+    """Return a telecommand packet to the estimator, or a file packet if the first byte is 0xFF."""
     files = bool(payload) and payload[0] == 0xFF
     identity = (0x1000 | APID_FILES) if files else KNOWN_ID
     data = payload[1:] if files else payload.ljust(5, b"\0")
@@ -34,7 +34,7 @@ def seal_packet(payload: bytes) -> bytes:
 
 
 def packet_target() -> Target:
-    """Return the target of the uplink in clear: splitter, then the telecommand reader."""
+    """Return the target of the uplink in clear: packet splitter, then telecommand reader."""
     reader = TelecommandReader()
 
     def one(data: bytes) -> None:
@@ -63,7 +63,7 @@ def packet_target() -> Target:
 
 
 def check_telecommand(reader: TelecommandReader, packet: bytes) -> None:
-    """Read a packet; build what was accepted again from its values."""
+    """Read a packet; build an accepted telecommand again and require the same arguments."""
     try:
         request = reader.read(packet)
     except TcError as error:
@@ -84,29 +84,29 @@ def check_telecommand(reader: TelecommandReader, packet: bytes) -> None:
 
 
 class Unkept:
-    """IVs in memory."""
+    """The initialisation vectors (IV) used so far, kept in memory only."""
 
     def __init__(self) -> None:
         self.next = 0
 
     def floor(self, fingerprint: str) -> int:  # noqa: ARG002
-        """Return the lowest IV never used."""
+        """Return the lowest IV that was never used."""
         return self.next
 
     def is_retired(self, fingerprint: str) -> bool:  # noqa: ARG002
-        """Return False."""
+        """Return False: no key is ever retired."""
         return False
 
     def claim(self, fingerprint: str, used: int, kept: int) -> None:  # noqa: ARG002
-        """Use up all to an IV."""
+        """Mark all IVs up to `used` as used."""
         self.next = used + 1
 
     def settle(self, floors: Mapping[str, int]) -> None:
-        """Keep nothing."""
+        """Do nothing."""
 
 
 def sealer() -> Callable[[bytes], bytes]:
-    """Return a sender of authentic frames; the first byte is added to the number."""
+    """Return an encoder of authentic frames; the first byte (signed) is added to the number."""
     following = 0
 
     def seal(payload: bytes) -> bytes:
@@ -127,7 +127,7 @@ def sealer() -> Callable[[bytes], bytes]:
 
 
 def frame_target() -> Target:
-    """Return the target of authenticated frames."""
+    """Return the target of authenticated frames: frame splitter and receiver."""
 
     def one(data: bytes) -> None:
         numbers = Unkept()

@@ -1,4 +1,4 @@
-"""Targets of text: lines of the control socket, and the configuration."""
+"""Targets for text: lines of the control socket, and the configuration."""
 
 import json
 from collections.abc import Iterable
@@ -16,7 +16,7 @@ MAX_FAULT_LINES = 10_000
 
 
 def command_target() -> Target:
-    """Return the target of one line of the control socket."""
+    """Return the target of lines of the control socket."""
 
     def one(data: bytes) -> None:
         for line in data.split(b"\n"):
@@ -28,7 +28,7 @@ def command_target() -> Target:
             require(len(line) <= MAX_LINE_BYTES, "too long a line", len(line))
             require(command.id == 5, "another id", line)
             if command.name not in JOBS and command.args:
-                continue  # arguments in a form of their own
+                continue  # the command has its arguments in another form
             text = json.dumps({"command": str(command.name), **command.args}).encode()
             require(parse_command(text, 5) == command, "not the same again", line, command)
 
@@ -36,7 +36,7 @@ def command_target() -> Target:
 
 
 def plain(value: object) -> Any:  # noqa: ANN401 - any plain value
-    """Return a model's values without defaults' types: lists for tuples, text for paths."""
+    """Return a model's values as YAML can write them: lists for tuples, text for paths."""
     if isinstance(value, dict):
         return {key: plain(item) for key, item in value.items()}
     if isinstance(value, Path):
@@ -47,9 +47,9 @@ def plain(value: object) -> Any:  # noqa: ANN401 - any plain value
 
 
 def config_target() -> Target:
-    """Return the target of a configuration's text.
+    """Return the target of the text of a configuration.
 
-    An input is the text itself, or, behind `+`, lines to stand behind a correct configuration.
+    An input is the text itself, or `+` and lines that are appended to a correct configuration.
     """
     correct = CORRECT
 

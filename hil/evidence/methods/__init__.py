@@ -1,1 +1,1 @@
-"""Study of the identification methods: error over Cramer-Rao bound, seed by seed."""
+"""Study of the identification methods: their errors over the Cramer-Rao bound, for many seeds."""

@@ -1,4 +1,4 @@
-"""Cases of the study: sensor sets and levels; and the result of one method on one seed."""
+"""Cases, sensor sets and levels of the study, and the result of one method on one seed."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -22,14 +22,14 @@ SAMPLE, DEVICE = "sample", "device"
 RATE_HZ = 100.0
 DURATION_S = 60.0
 WINDOW_S, NODES = 0.4, 4  # of the conditioner
-ENCODER_NOISE_RAD = 1.1e-7  # 24 bits, rounded
-WIDER = 100.0  # times the prior's sigma: what is judged is what the data says
+ENCODER_NOISE_RAD = 1.1e-7  # rounding to 24 bits
+WIDER = 100.0  # factor on the prior's sigma, so that the data and not the prior is judged
 
 
 def _sensor_set(gyro_factor: float, acc_factor: float) -> ChannelNoise:
-    """Return torque 0.05 N m and 24-bit encoders at 500 Hz, a STIM300 times the factors.
+    """Return the noise of torque 0.05 N m, 24-bit encoders, and a STIM300 times the factors.
 
-    White noise at native rates averaged to the study's rate.
+    Torque and encoder noise is white at 500 Hz and averaged to the rate of the study.
     """
     averaged = (RATE_HZ / 500.0) ** 0.5
     return ChannelNoise(
@@ -49,7 +49,7 @@ SENSOR_SETS: Mapping[str, ChannelNoise] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True, order=True)
 class Key:
-    """Names one result of the study."""
+    """The key of one result of the study."""
 
     level: str
     case: str
@@ -60,10 +60,10 @@ class Key:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StudyRecord:
-    """One method's result on one seed.
+    """The result of one method on one seed, for b unknown bodies.
 
-    error (10 b,) is estimate minus truth in pi of the unknown bodies, None when the method failed;
-    nees its square in the method's own covariance; sigma (10 b,) from that covariance.
+    `error` (10 b,) is the estimate of pi minus the truth; None if the method failed. `sigma`
+    (10 b,) and `nees` come from the covariance of the method.
     """
 
     key: Key
@@ -73,24 +73,24 @@ class StudyRecord:
     nees: float
     iterations: int
     bias_note: str = ""
-    commit: str = ""  # of the code that gave it
+    commit: str = ""  # of the code that made the result
 
 
 @lru_cache(maxsize=8)
 def scenario_of(case: str) -> Scenario:
-    """Return the scenario of a case; FILE:CASE is that of a file, with the case's unknowns."""
+    """Return the scenario of a case; FILE:CASE is a scenario file with the unknowns of the case."""
     file, _, own = case.rpartition(":")
     return replace(load(file), unknown=UNKNOWN[own]) if file else load(CASES[case])
 
 
 def truth_of(case: str) -> FloatArray:
-    """Return the true parameters pi of the unknown bodies, stacked."""
+    """Return the true parameters pi of the b unknown bodies, stacked (10 b,)."""
     scenario = scenario_of(case)
     return np.concatenate([pi_of(scenario.truth[body]) for body in scenario.unknown])
 
 
 def group_slices(case: str) -> dict[str, slice]:
-    """Return the parameter groups of the unknown bodies, by "body group"."""
+    """Return the slices of the parameter groups, by "body group", such as "base mass"."""
     slices = {}
     for index, body in enumerate(scenario_of(case).unknown):
         for name, own in GROUPS.items():
@@ -100,7 +100,7 @@ def group_slices(case: str) -> dict[str, slice]:
 
 
 def settings() -> dict[str, Any]:
-    """Return what a stored result depends on beside its key; results of others are not mixed in."""
+    """Return the settings on which a stored result depends, besides its key."""
     from dataclasses import asdict
 
     return {

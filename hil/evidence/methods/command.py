@@ -28,12 +28,12 @@ def methods(
     redo: Collection[str] = (),
     report_only: bool = False,
 ) -> int:
-    """Run or resume the study of the methods, print its report; 1 if something required fails.
+    """Run or resume the study of the methods and print its report; return 1 if a verdict fails.
 
-    `redo` names methods whose stored results are dropped first, after a change of their code;
-    `report_only` judges what is stored, however far it got.
+    `redo` names methods whose stored results are first discarded, after a change of their code.
+    `report_only` runs nothing and judges the stored results.
     """
-    os.environ["OMP_NUM_THREADS"] = os.environ["NUMBA_NUM_THREADS"] = "1"  # of the processes
+    os.environ["OMP_NUM_THREADS"] = os.environ["NUMBA_NUM_THREADS"] = "1"  # for new processes
     plan = run.quick_plan() if quick else run.Plan()
     if seeds is not None:
         plan = replace(plan, sample_seeds=seeds)
@@ -61,7 +61,7 @@ def methods(
 
 
 def energy() -> int:
-    """Print what is wrong with CE as printed, case by case."""
+    """Print for every case why CE as printed in the paper fails; return 0."""
     console = Console()
     for case in CASES:
         for line in sentences(trivial_energy(case)):

@@ -1,4 +1,4 @@
-"""Device bytes: the whole chain in virtual time, then every method on the blocks it recorded."""
+"""Device level: run plant and daemon in virtual time, then every method on the recorded blocks."""
 
 import tempfile
 from collections.abc import Sequence
@@ -27,12 +27,12 @@ from hil.world.robot import Robot
 from hil.world.spline import JointSpline
 from hil.world.truth import simulate
 
-SENSORS = "data sheet"  # the scenarios' devices
-SILENT = 1e12  # times the noise of a channel that is not used
+SENSORS = "data sheet"  # the sensor set of the scenarios' devices
+SILENT = 1e12  # factor on the noise of a channel that is not used
 
 
 def run_seed(case: str, seed: int, methods: Sequence[str]) -> list[StudyRecord]:
-    """Return the results of some methods on the blocks of one run of plant and daemon."""
+    """Return the results of the methods on the blocks of one run of plant and daemon."""
     with tempfile.TemporaryDirectory(prefix="study-") as folder:
         config, blocks = _run(case, seed, Path(folder))
         return judge_all(DEVICE, case, SENSORS, seed, methods, blocks, config)
@@ -40,10 +40,10 @@ def run_seed(case: str, seed: int, methods: Sequence[str]) -> list[StudyRecord]:
 
 @lru_cache(maxsize=32)
 def native_information(case: str, channels: str) -> FloatArray:
-    """Return the Fisher information of the raw sensors' white noise, biases marginalised.
+    """Return the Fisher information (p, p) of the raw sensors' samples, biases marginalised.
 
-    Native rates, the whole recording with its rests; `channels` is one of the methods' own: all
-    (every sensor), torque and rda (torque), cm (gyro). Without the bodies' prior.
+    The noise is white at native rates; the samples include the rests before and after the motion.
+    `channels`: all (every sensor), torque or rda (torque), cm (gyro). The bodies have no prior.
     """
     scenario = scenario_of(case)
     pis = {body: pi_of(report) for body, report in scenario.truth.items()}
@@ -58,7 +58,7 @@ def native_information(case: str, channels: str) -> FloatArray:
 
 
 def _only(sensors: Sensors, channels: str) -> Sensors:
-    """Return the sensors with the channels that are not used drowned in noise."""
+    """Return the sensors with a very large noise on the channels that are not used."""
     from dataclasses import replace
 
     if channels == ALL:
@@ -72,9 +72,9 @@ def _only(sensors: Sensors, channels: str) -> Sensors:
 
 
 def _run(case: str, seed: int, folder: Path) -> tuple[Config, Sequence[Block]]:
-    """Run plant and daemon; the truth's motion, the same for every seed, is simulated once.
+    """Run plant and daemon; return configuration and blocks. All seeds have the same true motion.
 
-    The daemon's own online estimator does not touch the blocks; the cheapest one runs.
+    The online estimator of the daemon does not change the blocks, so the cheapest one runs.
     """
     scenario = scenario_of(case)
     spline, history = _motion(case)

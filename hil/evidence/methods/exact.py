@@ -1,4 +1,4 @@
-"""Noise-free samples of a case: the stored identification motion through the truth's dynamics."""
+"""Noise-free samples of a case: a simulation of the stored identification motion."""
 
 from functools import lru_cache
 
@@ -12,12 +12,12 @@ from hil.world.scenario import Scenario
 from hil.world.spline import JointSpline
 from hil.world.truth import simulate
 
-STEPS_PER_SAMPLE = 2  # of the truth's integration: samples fall on its nodes, nothing interpolated
+STEPS_PER_SAMPLE = 2  # integration steps; every sample is at a step, so nothing is interpolated
 
 
 @lru_cache(maxsize=3)
 def exact_samples(case: str) -> TruthState:
-    """Return the truth at 100 Hz over the whole motion, 60 s at most, (N, ...) arrays."""
+    """Return the true states at 100 Hz over the motion, at most 60 s, as arrays (N, ...)."""
     scenario = scenario_of(case)
     spline = JointSpline.load(scenario.identification)
     end_s = min(DURATION_S, spline.duration_s)
@@ -35,7 +35,7 @@ def true_robot(scenario: Scenario) -> Robot:
 
 
 def base_velocity(state: TruthState) -> FloatArray:
-    """Return v_NB_B (N, 3), the velocity of the base origin in base axes."""
+    """Return v_NB_B (N, 3) [m/s], the velocity of the base origin in B."""
     v: FloatArray = np.einsum("kji,kj->ki", state.R_NB, state.v_NB_N)
     return v
 

@@ -1,9 +1,9 @@
-"""Fisher information of white noise on raw samples, at the truth, channel by channel.
+"""Fisher information of raw samples with white noise, at the truth, channel by channel.
 
-Independent of the flight software: the bench's own model (judge/bound.py, derivatives of the
-recursive Newton-Euler algorithm). The joints' angles are noisy too. In every window a joint's
-motion is one polynomial fitted to them. The errors of its accelerations have a covariance C over
-the window, and add D C D^T to the covariance of all that is predicted from them.
+It is independent of the flight software: the bench's model (judge/bound.py) gives the derivatives
+of the recursive Newton-Euler algorithm. The joint angles are noisy too: one polynomial per window
+is fitted to the angles of a joint. The errors of the joint accelerations have a covariance C over
+the window, which adds D C D^T to the covariance of every value predicted from the accelerations.
 """
 
 from dataclasses import dataclass
@@ -23,25 +23,25 @@ from hil.world.sensor_config import SensorConfig
 from hil.world.sensors import rotation_of
 
 ALL = "all"
-POSITION_DEGREE = NODES + 2  # of the joints' polynomial in a window
+POSITION_DEGREE = NODES + 2  # of the polynomial of a joint's angles in a window
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sweep:
-    """Sensitivities at the truth along a motion of N samples; p unknown parameters."""
+    """Sensitivities at the truth along a motion: N samples, n joints, p unknown parameters."""
 
-    J_tau: FloatArray  # (N, n, p) with the rate predicted from momentum
-    J_tau_w: FloatArray  # (N, n, p) at a given rate
+    J_tau: FloatArray  # (N, n, p) of the torques, with the base rate predicted from momentum
+    J_tau_w: FloatArray  # (N, n, p) of the torques, with a given base rate
     J_acc: FloatArray  # (N, 3, p) of the accelerometer
-    J_gyro: FloatArray  # (N, 3, p)
-    D_tau: FloatArray  # (N, n, n) by the joint accelerations
-    D_acc: FloatArray  # (N, 3, n)
-    D_tau_w: FloatArray  # (N, n, 3) by a given rate
+    J_gyro: FloatArray  # (N, 3, p) of the gyro
+    D_tau: FloatArray  # (N, n, n) of the torques by the joint accelerations
+    D_acc: FloatArray  # (N, 3, n) of the accelerometer by the joint accelerations
+    D_tau_w: FloatArray  # (N, n, 3) of the torques by a given base rate
 
 
 @lru_cache(maxsize=3)
 def sweep(case: str) -> Sweep:
-    """Evaluate the sensitivities at every sample of a case's motion."""
+    """Return the sensitivities at every sample of the motion of a case."""
     scenario = scenario_of(case)
     pis = {body: pi_of(report) for body, report in scenario.truth.items()}
     robot = FloatingRobot(scenario.urdf, scenario.tool_frame, pis, scenario.unknown)
@@ -87,8 +87,8 @@ def information(case: str, sensors: str, channels: str) -> FloatArray:
     """Return the Fisher information (p, p) of the samples for one choice of channels.
 
     `channels`: all (torque, accelerometer, gyro), rda (torque at the measured rate), cm (gyro),
-    torque (torque at the predicted rate). An efficient estimator of that choice reaches its
-    inverse.
+    torque (torque at the predicted rate). The inverse is the covariance of an efficient estimator
+    with these channels.
     """
     s, noise = sweep(case), SENSOR_SETS[sensors]
     J, D, variance, shared = _rows(s, noise, channels)
@@ -121,7 +121,7 @@ def _rows(
     N, n = s.J_tau.shape[:2]
     tau = np.full(n, noise.torque_nm**2)
     gyro = np.full(3, noise.rate_rad_s**2)
-    still = np.zeros((N, 3, n))  # a rate hardly heeds the noise of angles
+    still = np.zeros((N, 3, n))  # noise of the angles has almost no effect on a predicted rate
     if channels == ALL:
         J = np.concatenate([s.J_tau, s.J_acc, s.J_gyro], axis=1)
         D = np.concatenate([s.D_tau, s.D_acc, still], axis=1)
@@ -149,7 +149,7 @@ def _acceleration_covariance(count: int) -> FloatArray:
 
 
 def _sensors(case: str, n: int) -> Sensors:
-    """Return sensors of unit noise mounted as in the scenario."""
+    """Return sensors with unit noise, mounted as in the scenario of a case."""
     imu = SensorConfig.from_dict(scenario_of(case).sensors).imu
     if imu is None:
         raise ValueError("the bound needs an inertial unit")
@@ -168,7 +168,7 @@ def _sensors(case: str, n: int) -> Sensors:
 
 
 def _mass_matrix(robot: FloatingRobot, q: FloatArray) -> FloatArray:
-    """Return H (6 + n, 6 + n) of the parameters `bias_derivative` was last given."""
+    """Return H (6 + n, 6 + n) for the parameters of the last call of `bias_derivative`."""
     full = np.concatenate((pin.neutral(robot.model)[:7], q))
     upper = np.triu(pin.crba(robot.model, robot.data, full))
     return np.asarray(upper + np.triu(upper, 1).T)

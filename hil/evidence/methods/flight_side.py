@@ -1,4 +1,4 @@
-"""The flight software's side of one seed: a configuration without truth, and its problem."""
+"""The flight software's side of one seed: its configuration and its estimation problem."""
 
 import copy
 from dataclasses import replace
@@ -17,18 +17,18 @@ from hil.world.scenario import Scenario
 
 
 def priors_of(scenario: Scenario, seed: int, wider: float = 1.0) -> dict[str, Prior]:
-    """Return the priors of the unknown bodies, 30-50 % off, as `hil run` draws them.
+    """Return the priors of the unknown bodies, wrong by 30-50 %, as `hil run` draws them.
 
-    `wider` multiplies their sigma.
+    `wider` multiplies the sigma of the priors.
     """
     drawn = {body: draw_prior(scenario.truth[body], seed, body) for body in scenario.unknown}
     return {body: replace(prior, sigma=wider * prior.sigma) for body, prior in drawn.items()}
 
 
 def write_config(scenario: Scenario, seed: int, folder: Path, wider: float = 1.0) -> Config:
-    """Write the flight configuration of a seed into a folder and load it.
+    """Write the flight configuration of a seed into a folder; load and return it.
 
-    `wider` multiplies the sigma of the loaded priors: no file may be as much in doubt as a study.
+    `wider` multiplies the sigma of the loaded priors, because a file must not have so large sigmas.
     """
     config = _written(scenario, priors_of(scenario, seed), folder, seed)
     wide = {body: _doubted(config.bodies[body], wider) for body in scenario.unknown}
@@ -36,7 +36,7 @@ def write_config(scenario: Scenario, seed: int, folder: Path, wider: float = 1.0
 
 
 def write_true_config(scenario: Scenario, folder: Path) -> Config:
-    """Write a configuration in which nothing errs, with the sigmas of others, and load it."""
+    """Write a configuration with true values and the usual sigmas; load and return it."""
     drawn = priors_of(scenario, 0)
     priors = {body: replace(p, report=scenario.truth[body]) for body, p in drawn.items()}
     return _written(scenario, priors, folder, None)
@@ -52,7 +52,7 @@ def _written(
 
 
 def _doubted(body: BodyConfig, wider: float) -> BodyConfig:
-    """Return the body with its sigma multiplied."""
+    """Return the body with its sigma multiplied by `wider`."""
     if body.sigma is None:
         return body
     com_m, inertia = (
@@ -68,7 +68,7 @@ def problem_of(config: Config) -> Problem:
 
 
 def without_biases(scenario: Scenario) -> Scenario:
-    """Return the scenario with sensors that have white noise and nothing else to estimate."""
+    """Return the scenario without torque offsets and inertial biases: white noise remains."""
     sensors: dict[str, Any] = copy.deepcopy(scenario.sensors)
     sensors["joints"]["torque_offset_sigma_nm"] = 0.0
     sensors["imu"]["gyro_bias_sigma_rad_s"] = 0.0

@@ -1,4 +1,4 @@
-"""The methods under study by name, run as the worker and `fsw identify` run them."""
+"""The methods of the study by name, run like the batch worker and `fsw identify` run them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,13 +11,13 @@ from fsw.messages import Block
 from hil.run.flown import with_estimator
 from hil.world.inertia import COUNT, FloatArray
 
-CONSISTENT = ("mrnea eiv", "rda", "fused")  # whose mean NEES must lie in its band
+CONSISTENT = ("mrnea eiv", "rda", "fused")  # methods whose mean NEES must be in its band
 FUSED = "fused"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MethodOutcome:
-    """A method's result: bodies' parameters x (10 b,), covariance, and how it ended."""
+    """The result of a method: status, and parameters x (10 b,) of the bodies with covariance."""
 
     status: str
     x: FloatArray
@@ -28,7 +28,7 @@ class MethodOutcome:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Method:
-    """A method with its weighting, and the channels of its own bound (see `fisher.information`)."""
+    """A method, its weighting, and the channels of its own bound (see `fisher.information`)."""
 
     method: str
     weighting: str
@@ -48,11 +48,11 @@ METHODS: Mapping[str, Method] = {
 
 
 def on_blocks(name: str, blocks: Sequence[Block], config: Config) -> MethodOutcome:
-    """Run a method on blocks.
+    """Return the result of a method on blocks.
 
     Raises
     ------
-    EstimatorError when the method has no result.
+    EstimatorError if the method has no result.
     """
     chosen = METHODS[name]
     settings = with_estimator(config, chosen.method, chosen.weighting)

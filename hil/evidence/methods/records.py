@@ -1,7 +1,6 @@
 """Records of the study as rows of its store.
 
-Each row names the commit of the code that gave it, so a study whose methods changed on the way
-says which result is whose.
+Each row has the commit of the code that made it, because methods may change during a study.
 """
 
 from collections.abc import Iterable
@@ -17,23 +16,23 @@ from hil.world.inertia import FloatArray
 
 
 def open_store(folder: Path) -> Store:
-    """Return the store of the study in a folder. Raises ScenarioError for other settings."""
+    """Return the store of the study in a folder. Raises ScenarioError if it has other settings."""
     return Store(folder, settings())
 
 
 def name(key: Key) -> str:
-    """Return the key of a record's row."""
+    """Return the key of a record's row in the store."""
     return "|".join((key.level, key.case, key.sensors, key.method, str(key.seed)))
 
 
 def records(store: Store) -> dict[Key, StudyRecord]:
-    """Return all stored records."""
+    """Return all stored records by key."""
     found = map(_record, store.rows.values())
     return {record.key: record for record in found}
 
 
 def rows(results: Iterable[StudyRecord]) -> dict[str, Row]:
-    """Return the rows of records, marked with the commit of the code."""
+    """Return the rows of records by the key in the store, with the commit of the present code."""
     return {name(record.key): _plain(replace(record, commit=commit())) for record in results}
 
 

@@ -1,4 +1,4 @@
-"""What the recursion publishes of the blocks of one seed, against the truth."""
+"""The estimates that the recursion publishes from the blocks of one seed, against the truth."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -15,7 +15,7 @@ from hil.world.inertia import FloatArray
 def recursion_row(
     config: Config, blocks: Sequence[Block], truth: Mapping[str, FloatArray]
 ) -> tuple[dict[str, Any], Estimate]:
-    """Return the row of a seed, and the final estimate; `truth` are reports of the bodies."""
+    """Return the row of a seed and the final estimate; `truth` has the report of each body."""
     online = build_online(
         config, RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
     )

@@ -26,7 +26,7 @@ says so."""
 
 
 def tables(rows: Sequence[SummaryRow]) -> list[Table]:
-    """Return one table per level and case."""
+    """Return one table for each level and case."""
     found = []
     for level, title in LEVELS.items():
         for case in dict.fromkeys(row.case for row in rows if row.level == level):
@@ -36,7 +36,7 @@ def tables(rows: Sequence[SummaryRow]) -> list[Table]:
 
 
 def verdict_table(verdicts: Sequence[Verdict]) -> Table:
-    """Return the table of requirements and whether they hold."""
+    """Return the table of the requirements with their verdicts."""
     table = Table(title="Required")
     for title in ("what", "value", "wanted", ""):
         table.add_column(title, justify="left" if title == "what" else "right")
@@ -49,7 +49,7 @@ def verdict_table(verdicts: Sequence[Verdict]) -> Table:
 def show(
     rows: Sequence[SummaryRow], verdicts: Sequence[Verdict], notes: Sequence[str], console: Console
 ) -> None:
-    """Print the whole report."""
+    """Print tables, legend, notes and verdicts."""
     for table in tables(rows):
         console.print(table)
     console.print(LEGEND, highlight=False, markup=False)
@@ -101,7 +101,7 @@ def _table(title: str, rows: Sequence[SummaryRow]) -> Table:
 
 
 def number(value: float) -> str:
-    """Return three digits, plain where that is short."""
+    """Return the text of a value with three digits, or two in exponential form from 1e4 on."""
     return f"{value:.3g}" if abs(value) < 1e4 else f"{value:.1e}"
 
 

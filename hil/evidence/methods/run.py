@@ -1,4 +1,4 @@
-"""Runs what is missing of the study, over processes; a result depends on its key alone."""
+"""Run the missing results of the study in several processes; a result depends only on its key."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ QUICK_CASE = "target"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """How much of the study is wanted."""
+    """The extent of the study."""
 
     sample_seeds: int = 200
     device_seeds: int = 30
@@ -31,7 +31,7 @@ class Plan:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StudyUnit:
-    """Work of one process at a time: some methods on the data of one seed."""
+    """A unit of work: several methods on the data of one seed."""
 
     level: str
     case: str
@@ -41,7 +41,7 @@ class StudyUnit:
 
     @property
     def keys(self) -> tuple[Key, ...]:
-        """Result of the unit."""
+        """The keys of the unit's results."""
         return tuple(
             Key(
                 level=self.level,
@@ -55,7 +55,7 @@ class StudyUnit:
 
 
 def quick_plan() -> Plan:
-    """Return the short form: every part of the code once or twice, in well under a minute."""
+    """Return the short study: every part of the code runs once or twice, in under a minute."""
     return Plan(
         sample_seeds=2,
         device_seeds=1,
@@ -67,7 +67,7 @@ def quick_plan() -> Plan:
 
 
 def wanted(plan: Plan) -> list[StudyUnit]:
-    """Return all units, seed by seed: an interrupted study then has as many seeds of every part."""
+    """Return all units, ordered by seed, so that an interrupted study has equally many of each."""
     units = []
     for seed in range(max(plan.sample_seeds, plan.device_seeds)):
         if seed < plan.device_seeds:
@@ -97,7 +97,7 @@ def wanted(plan: Plan) -> list[StudyUnit]:
 
 
 def missing(units: Sequence[StudyUnit], done: set[Key]) -> list[StudyUnit]:
-    """Return the units without the parts that are done; empty ones are left out."""
+    """Return the units without methods whose results are done; leave out empty units."""
     rest = []
     for unit in units:
         methods = tuple(key.method for key in unit.keys if key not in done)
@@ -115,14 +115,14 @@ def missing(units: Sequence[StudyUnit], done: set[Key]) -> list[StudyUnit]:
 
 
 def run_unit(unit: StudyUnit) -> dict[str, Row]:
-    """Return the rows of the unit's results."""
+    """Return the rows of the unit's results by their key."""
     if unit.level == DEVICE:
         return rows(device_bytes.run_seed(unit.case, unit.seed, unit.methods))
     return rows(sample_level.run_seed(unit.case, unit.sensors, unit.seed, unit.methods))
 
 
 def complete(plan: Plan, store: Store, jobs: int, console: Console) -> dict[Key, StudyRecord]:
-    """Run what the store lacks, showing progress; return the records of the plan."""
+    """Run the units that the store lacks and show progress; return all records of the plan."""
     units = wanted(plan)
     rest = missing(units, set(records(store)))
     ran = pool.run(run_unit, rest, jobs)

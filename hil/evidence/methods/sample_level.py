@@ -1,4 +1,4 @@
-"""Sample level: exact samples plus white noise through the flight conditioner, every method."""
+"""Sample level: exact samples with white noise, the flight conditioner, and every method."""
 
 import tempfile
 from collections.abc import Sequence
@@ -28,14 +28,14 @@ from hil.evidence.methods.sensed import condition, declared, draws, sensed, with
 from hil.judge.score import normalised_error_squared
 from hil.world.inertia import FloatArray
 
-NOISE_STREAM = 113  # spawn key of the samples' noise, apart from the priors' and the devices'
+NOISE_STREAM = 113  # spawn key of the samples' noise, independent of priors and devices
 
 
 def run_seed(case: str, sensors: str, seed: int, methods: Sequence[str]) -> list[StudyRecord]:
-    """Return the results of some methods on one draw of noise.
+    """Return the results of the methods on one draw of noise.
 
-    The unit noise of a seed is the same for every case and sensor set; the prior, drawn from the
-    same seed, is where the iterations start.
+    A seed has the same unit noise for every case and sensor set. The seed also draws the prior, at
+    which the iterations start.
     """
     noise, state = SENSOR_SETS[sensors], exact_samples(case)
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(NOISE_STREAM,)))
@@ -62,7 +62,7 @@ def judge_all(
     blocks: Sequence[Block],
     config: Config,
 ) -> list[StudyRecord]:
-    """Return the records of some methods on the same blocks."""
+    """Return the records of the methods on the same blocks; a failed method has a record too."""
     records = []
     for method in methods:
         key = Key(level=level, case=case, sensors=sensors, method=method, seed=seed)
@@ -76,7 +76,7 @@ def judge_all(
 
 
 def judged(key: Key, outcome: MethodOutcome, truth: FloatArray) -> StudyRecord:
-    """Return the record of a method's outcome against the truth; not finite: failed."""
+    """Return the record of a result against the truth (10 b,); an invalid result is a failure."""
     error, covariance = outcome.x - truth, outcome.covariance
     if not (np.all(np.isfinite(error)) and np.all(np.isfinite(covariance))):
         return failed(key, f"{outcome.status}: not finite")

@@ -1,7 +1,7 @@
 """Raw samples of a motion through the flight conditioner: the blocks that the daemon would make.
 
-Channels are sampled at common instants of any rate, white noise is added, and the configuration
-declares that noise; windows are as long as the configuration says.
+Channels are sampled at common times with any rate, and get white noise. The configuration declares
+this noise and the length of the windows.
 """
 
 from collections.abc import Iterator, Mapping
@@ -18,32 +18,32 @@ from hil.world.history import TruthState
 from hil.world.inertia import FloatArray
 from hil.world.sensors import rotation_of, specific_force
 
-LEAST = 1e-12  # of a declared noise: a channel without any has no weight that can be inverted
+LEAST = 1e-12  # least declared noise, because a zero noise has no finite weight
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChannelNoise:
-    """1 sigma of one sample: angle, torque, rate, acceleration, attitude."""
+    """1 sigma of the white noise of one sample of each channel."""
 
     position_rad: float
     torque_nm: float
     rate_rad_s: float
     acceleration_m_s2: float
     attitude_rad: float = 0.0
-    shared: bool = False  # the same sequence on every channel
+    shared: bool = False  # whether all channels have the same noise sequence
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SlowChannel:
-    """Samples of a wheel or a valve at instants of its own, as `Window` has them."""
+    """Samples of a wheel or a valve at separate times, in the form of `Window`."""
 
-    t_s: FloatArray  # (k,) not falling
+    t_s: FloatArray  # (k,) in ascending order
     values: FloatArray  # (k, 2)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Channels:
-    """N samples of every raw channel at common instants, and of the slower ones at theirs."""
+    """N samples of every raw channel at common times; slow channels have their own times."""
 
     t_s: FloatArray  # (N,)
     q_rad: FloatArray  # (N, n)
@@ -56,7 +56,7 @@ class Channels:
 
 
 def sensed(state: TruthState, config: Config) -> Channels:
-    """Return what error-free sensors give, mounted as configured."""
+    """Return the samples of error-free sensors that are mounted as configured."""
     mounting = config.imu.mounting
     px, py, pz = mounting.p_BS_m
     qx, qy, qz, qw = mounting.q_BS_xyzw
@@ -72,7 +72,7 @@ def sensed(state: TruthState, config: Config) -> Channels:
 
 
 def draws(count: int, n: int, rng: np.random.Generator, *, shared: bool) -> dict[str, FloatArray]:
-    """Return unit draws per channel; shared: one sequence on every channel and axis."""
+    """Return standard normal draws (count, k) by channel; `shared`: the same on every axis."""
     widths = {
         "position": n,
         "torque": n,
@@ -88,7 +88,7 @@ def draws(count: int, n: int, rng: np.random.Generator, *, shared: bool) -> dict
 
 
 def faded(white: FloatArray, fading: float) -> FloatArray:
-    """Return noise (k, n) of the same variance that is alike by `fading` from sample to sample."""
+    """Return noise (k, n) of equal variance; `fading` is the correlation of adjacent samples."""
     from scipy.signal import lfilter
 
     fresh = white * np.sqrt(1.0 - fading**2)
@@ -97,7 +97,7 @@ def faded(white: FloatArray, fading: float) -> FloatArray:
 
 
 def with_noise(exact: Channels, noise: ChannelNoise, unit: Mapping[str, FloatArray]) -> Channels:
-    """Return the channels with errors: unit draws times the noise."""
+    """Return the channels plus the noise times the unit draws."""
     turned = Rotation.from_rotvec(noise.attitude_rad * unit["attitude"]).as_matrix()
     return replace(
         exact,
@@ -110,7 +110,7 @@ def with_noise(exact: Channels, noise: ChannelNoise, unit: Mapping[str, FloatArr
 
 
 def with_biases(channels: Channels, config: Config, rng: np.random.Generator) -> Channels:
-    """Return the channels with torque offsets and inertial biases drawn as the priors say."""
+    """Return the channels plus torque offsets and inertial biases, drawn from their priors."""
     offsets = np.array([joint.torque_offset_sigma_nm for joint in config.joints])
     gyro, acc = config.imu.gyro_bias_sigma_rad_s, config.imu.acc_bias_sigma_m_s2
     return replace(
@@ -129,7 +129,7 @@ def declared(
     window_s: float | None = None,
     nodes: int | None = None,
 ) -> Config:
-    """Return the configuration of sensors with this noise and rate; None: its own windows."""
+    """Return the configuration with this noise and rate; None keeps its value of the window."""
     joints = [
         joint.model_copy(
             update={
@@ -156,7 +156,7 @@ def declared(
 
 
 def condition(channels: Channels, config: Config, rate_hz: float) -> list[Block]:
-    """Return the flight conditioner's blocks; a window that it refuses is left out."""
+    """Return the blocks of the flight conditioner; a rejected window gives no block."""
     model = RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
     conditioner = build_conditioner(config, model)
     blocks = map(conditioner.condition, _windows(channels, config.estimator.window_s, rate_hz))
@@ -164,7 +164,7 @@ def condition(channels: Channels, config: Config, rate_hz: float) -> list[Block]
 
 
 def _windows(channels: Channels, window_s: float, rate_hz: float) -> Iterator[Window]:
-    """Cut whole windows; the first begins half a sample before the first sample."""
+    """Yield whole windows; the first one begins half a period before the first sample."""
     size, width_ns = round(window_s * rate_hz), round(window_s * 1e9)
     t_ns = np.rint(channels.t_s * 1e9).astype(np.int64)
     q_xyzw = Rotation.from_matrix(channels.R_NB).as_quat()

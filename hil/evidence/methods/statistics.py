@@ -1,4 +1,4 @@
-"""Figures of one method over its seeds: errors over bounds with intervals, NEES with its band."""
+"""Figures of one method over the seeds: errors over bounds with intervals, NEES with its band."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,14 +11,14 @@ from hil.judge import chi_square
 from hil.world.inertia import FloatArray
 
 CONFIDENCE = 0.95
-RESAMPLES = 2000
-FEW = 10
-BIAS_LEVEL = 1e-3  # of Hotelling's test of a zero mean error
+RESAMPLES = 2000  # of the bootstrap
+FEW = 10  # with fewer seeds, intervals come from chi-square
+BIAS_LEVEL = 1e-3  # level of Hotelling's test of a zero mean error
 
 
 @dataclass(frozen=True, slots=True)
 class EfficiencyRatio:
-    """A root-mean-square ratio with the bounds of its 95 % interval."""
+    """A root-mean-square ratio with the ends of its 95 % interval."""
 
     value: float
     low: float
@@ -27,16 +27,16 @@ class EfficiencyRatio:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Figures:
-    """Statistics of a method over its seeds; ratios are of the root-mean-square whitened error.
+    """Statistics of a method over the seeds; a ratio is a root-mean-square whitened error.
 
-    `overall` and `groups` are against the bound of all channels, `own_overall` and `own_groups`
-    against that of the method's own.
+    `overall` and `groups` are whitened by the bound of all channels, `own_overall` and `own_groups`
+    by the bound of the method's own channels.
     """
 
     seeds: int
-    failed: int  # without any result
-    not_ok: int  # with a result that the method itself does not call good
-    dof: int
+    failed: int  # seeds without a result
+    not_ok: int  # seeds with a status other than OK, failures included
+    dof: int  # number of parameters
     overall: EfficiencyRatio
     own_overall: EfficiencyRatio
     groups: Mapping[str, EfficiencyRatio]
@@ -47,7 +47,7 @@ class Figures:
     nees: float  # mean over seeds
     nees_low: float  # 95 % band of the mean of chi-square with dof degrees of freedom
     nees_high: float
-    nees_tail: float  # two-sided probability of such a mean
+    nees_tail: float  # two-sided probability of a mean as far off as `nees`
     nees_median: float
     biased: Mapping[str, float]  # group -> largest mean error in sigmas of the bound
 
@@ -58,11 +58,11 @@ def figures(
     own_bounds: Sequence[FloatArray],
     groups: Mapping[str, slice],
 ) -> Figures:
-    """Return the figures of one method; bounds (p, p) are covariances, one per record.
+    """Return the figures of one method; bounds (p, p) are covariances, one for each record.
 
-    The interval of a ratio is a bootstrap over seeds (percentiles of 2000 resamples), which holds
-    for heavy tails and errors correlated within a seed; the seeds are independent. Under ten seeds
-    it is that of chi-square, which holds for Gaussian errors.
+    The interval of a ratio is a bootstrap over the independent seeds (percentiles of 2000
+    resamples), valid for heavy tails and errors correlated within a seed. For fewer than ten seeds
+    it is an interval from chi-square, valid for Gaussian errors.
     """
     kept = [k for k, record in enumerate(records) if record.error is not None]
     dof = max(group.stop for group in groups.values())
@@ -96,7 +96,7 @@ def figures(
 
 
 def _squares(errors: FloatArray, bounds: Sequence[FloatArray], group: slice) -> FloatArray:
-    """Return (k,) e_g^T C_gg^-1 e_g / dim of every error, C_gg the group's marginal bound."""
+    """Return (k,) e_g^T C_gg^-1 e_g / dim for every error; C_gg is the group's marginal bound."""
     values = []
     for error, bound in zip(errors, bounds, strict=True):
         C, e = bound[group, group], error[group]
@@ -131,9 +131,9 @@ def ratio(squares: FloatArray, dof: int) -> EfficiencyRatio:
 def _biased(
     errors: FloatArray, bounds: Sequence[FloatArray], groups: Mapping[str, slice]
 ) -> dict[str, float]:
-    """Return the groups whose mean error is not zero, with its largest component over the bound.
+    """Return the groups with a mean error that is not zero, and its largest component over sigma.
 
-    Hotelling's T-square test on the errors' own scatter, at a level of 0.1 %.
+    The test is Hotelling's T-square on the scatter of the errors, at a level of 0.1 %.
     """
     found = {}
     count = len(errors)

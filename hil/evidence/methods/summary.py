@@ -1,4 +1,4 @@
-"""From records to rows: every method, case and sensor set against its bounds, and the verdicts."""
+"""Make rows from records: every method, case and sensor set against its bounds; and verdicts."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -16,13 +16,13 @@ from hil.judge import chi_square
 from hil.judge.score import prior_information
 from hil.world.inertia import FloatArray
 
-RARE = 1e-3  # of a right method's few seeds that the short form may call wrong
+RARE = 1e-3  # probability that the short study fails a correct method
 FUSED_BOUND: Mapping[str, float] = {"sample": 1.1, "device": 1.25}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SummaryRow:
-    """One method on one case and sensor set."""
+    """The figures of one method on one case and sensor set."""
 
     level: str
     case: str
@@ -34,7 +34,7 @@ class SummaryRow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
-    """One thing that is required, and whether it holds."""
+    """One requirement, the value, and whether the requirement holds."""
 
     name: str
     value: str
@@ -43,7 +43,7 @@ class Verdict:
 
 
 def rows(records: Mapping[Key, StudyRecord]) -> list[SummaryRow]:
-    """Return a row for every combination with results, in the order of the report."""
+    """Return a row for each level, case, sensor set and method, in the order of the report."""
     found: dict[tuple[str, str, str, str], list[StudyRecord]] = {}
     for key in sorted(records):
         name = (key.level, key.case, key.sensors, key.method)
@@ -71,7 +71,7 @@ def rows(records: Mapping[Key, StudyRecord]) -> list[SummaryRow]:
 def verdicts(table: Sequence[SummaryRow], *, quick: bool = False) -> list[Verdict]:
     """Return the verdicts on the requirements on the fused estimator and the consistent methods.
 
-    `quick`: few seeds, so bounds and bands are widened to what chance leaves once in a thousand.
+    `quick`: few seeds, so bounds and bands are wide: chance exceeds them once in a thousand times.
     """
     found: list[Verdict] = []
     for row in table:
@@ -86,9 +86,9 @@ def verdicts(table: Sequence[SummaryRow], *, quick: bool = False) -> list[Verdic
 
 
 def orderings(table: Sequence[SummaryRow]) -> list[str]:
-    """Return the methods from best to worst per case and sensor set, by the median seed.
+    """Return lines: the methods from best to worst for each case and sensor set, by the median.
 
-    With a good inertial unit MRNEA stands before RDA, with a poor one behind it.
+    With a good inertial unit MRNEA should be better than RDA, with a poor one worse.
     """
     found: dict[tuple[str, str, str], list[SummaryRow]] = {}
     for row in table:
@@ -102,7 +102,7 @@ def orderings(table: Sequence[SummaryRow]) -> list[str]:
 
 
 def _swaps(table: Sequence[SummaryRow]) -> list[str]:
-    """Return with which sensor sets the paper's MRNEA, and that without its bias, precede RDA."""
+    """Return lines: the sensor sets for which MRNEA (ols as in the paper, or eiv) is before RDA."""
     median = {(r.level, r.case, r.sensors, r.method): r.figures.median for r in table}
     found: dict[tuple[str, str], dict[bool, list[str]]] = {}
     for (level, case, sensors, method), value in median.items():
@@ -118,7 +118,7 @@ def _swaps(table: Sequence[SummaryRow]) -> list[str]:
 
 
 def provenance(records: Mapping[Key, StudyRecord]) -> list[str]:
-    """Return how many results of each method are of which commit."""
+    """Return lines: the number of results by level, method and commit."""
     counts: dict[tuple[str, str], dict[str, int]] = {}
     for key, record in records.items():
         own = counts.setdefault((key.level, key.method), {})
@@ -131,7 +131,7 @@ def provenance(records: Mapping[Key, StudyRecord]) -> list[str]:
 
 
 def plain(table: Sequence[SummaryRow], judged: Sequence[Verdict]) -> dict[str, Any]:
-    """Return rows and verdicts as plain values for a JSON file."""
+    """Return rows and verdicts as values for a JSON file."""
     return {
         "rows": [asdict(row) for row in table],
         "verdicts": [asdict(verdict) for verdict in judged],
@@ -163,7 +163,7 @@ def _fused(row: SummaryRow, quick: bool) -> list[Verdict]:
 
 
 def _nees(method: str, own: Iterable[SummaryRow], quick: bool) -> list[Verdict]:
-    """Judge every row's mean NEES by its own 95 % band."""
+    """Return the verdict on every row's mean NEES by its 95 % band."""
     found = []
     for row in own:
         f = row.figures
@@ -182,10 +182,10 @@ def _nees(method: str, own: Iterable[SummaryRow], quick: bool) -> list[Verdict]:
 
 
 def chance_of_outliers(judged: Sequence[Verdict]) -> tuple[int, int, float]:
-    """Return bands left, bands judged, and how likely so many or more are when all is right.
+    """Return the violated bands, the judged bands, and the chance of so many if all is correct.
 
-    Correct methods leave a 95 % band once in twenty; the seeds shared by the rows are taken as
-    independent, which makes this a guide.
+    A correct method violates a 95 % band once in twenty times. The chance is only a guide, because
+    rows that share seeds count as independent.
     """
     bands = [verdict for verdict in judged if verdict.name.endswith("mean NEES")]
     left = sum(not verdict.passed for verdict in bands)
@@ -194,7 +194,7 @@ def chance_of_outliers(judged: Sequence[Verdict]) -> tuple[int, int, float]:
 
 
 def _bounds(records: Sequence[StudyRecord], channels: str) -> list[FloatArray]:
-    """Return the Cramer-Rao bound of every record; at device level with its seed's prior."""
+    """Return the Cramer-Rao bound (p, p) of every record; at device level with the seed's prior."""
     key = records[0].key
     if key.level != DEVICE:
         bound = fisher.bound(fisher.information(key.case, key.sensors, channels))

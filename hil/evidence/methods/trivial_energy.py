@@ -1,10 +1,10 @@
-"""Why CE as printed has a trivial solution, and the work-energy balance has none.
+"""CE as printed has a trivial solution, and the work-energy balance does not: the evidence.
 
 The paper's CE (eqs. 32-34) minimises the squares of T - T_msr, T = 1/2 mu^T H mu with the measured
-mu = [v_b, w_b, qd]; T_msr is not defined. Read as conservation of the energy the system has at
-rest, T_msr is zero. But T is linear in the parameters and positive for every physical body: the
-cost has its least value where the unknown bodies have no energy, at pi = 0, whatever the data. The
-motors' work is what is missing: with T_msr = integral(tau^T qd dt) the least value is at the truth.
+mu = [v_b, w_b, qd]. The paper does not define T_msr. If the energy at rest is conserved, T_msr is
+zero. But T is linear in the parameters and positive for every physical body. So for any data the
+cost is least at pi = 0, where the unknown bodies have no energy. The work of the motors is missing:
+with T_msr = integral(tau^T qd dt) the cost is least at the truth.
 """
 
 from dataclasses import dataclass
@@ -23,20 +23,20 @@ SCALES = (2.0, 1.0, 0.5, 0.1, 0.01, 0.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TrivialEnergy:
-    """Both readings on the exact samples of a case; energies in J."""
+    """CE as printed and as work-energy balance, on the exact samples of a case; energies in J."""
 
     case: str
-    scales: tuple[float, ...]  # of the true unknown parameters
-    printed_rms_j: tuple[float, ...]  # root mean square of T - 0
-    balance_rms_j: tuple[float, ...]  # of T - work
-    printed_least: FloatArray  # (p,) unconstrained least squares of the printed reading
-    balance_least: FloatArray
-    truth: FloatArray
+    scales: tuple[float, ...]  # factors on the true unknown parameters
+    printed_rms_j: tuple[float, ...]  # root mean square of T - 0, by factor
+    balance_rms_j: tuple[float, ...]  # root mean square of T - work, by factor
+    printed_least: FloatArray  # (p,) unconstrained least squares of CE as printed
+    balance_least: FloatArray  # (p,) unconstrained least squares of the balance
+    truth: FloatArray  # (p,)
     unknown: tuple[str, ...]
 
 
 def trivial_energy(case: str) -> TrivialEnergy:
-    """Evaluate both readings along the exact motion, without noise and at the true mu."""
+    """Return both forms of CE along the exact motion, without noise and at the true mu."""
     scenario = scenario_of(case)
     pis = {body: pi_of(report) for body, report in scenario.truth.items()}
     robot = FloatingRobot(scenario.urdf, scenario.tool_frame, pis, scenario.unknown)
@@ -74,7 +74,7 @@ def trivial_energy(case: str) -> TrivialEnergy:
 
 
 def sentences(found: TrivialEnergy) -> list[str]:
-    """Return the finding in words and figures."""
+    """Return the finding as lines of text with figures."""
     lines = [
         f"CE as printed, total energy zero; unknown: {found.case}. Root mean square of the residual"
         " at the true parameters times a factor:"

@@ -1,1 +1,1 @@
-"""Speed: benchmarks beside references."""
+"""Speed: benchmarks of the flight software, each compared with a reference."""

@@ -41,15 +41,15 @@ from hil.world.spline import JointSpline
 from hil.world.truth import simulate
 
 RATE_HZ = 500.0
-SCENARIO = "target_leo"  # whose recording is identified
-FLIGHT = "both"  # the scenario whose estimation is measured
+SCENARIO = "target_leo"  # scenario whose recording is identified
+FLIGHT = "both"  # scenario whose online estimation is measured
 METHOD = "rda"
 PEER_IMPORTS = "import time; import numpy, pinocchio; print(time.process_time())"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SpeedRatio:
-    """One comparison; `bound` None: printed for information."""
+    """The result of one comparison; without a bound (None) it is only printed."""
 
     name: str
     value: float
@@ -57,11 +57,11 @@ class SpeedRatio:
 
     @property
     def ok(self) -> bool:
-        """Whether the bound is kept."""
+        """Whether the value is within its bound, or has no bound."""
         return self.bound is None or self.value <= self.bound
 
     def line(self) -> str:
-        """Return one line of the report."""
+        """Return the comparison as one line of text."""
         if self.bound is None:
             return f"        {self.name}: {self.value:.3g}"
         word = "ok" if self.ok else "MISSED"
@@ -69,14 +69,14 @@ class SpeedRatio:
 
 
 def record(folder: Path, seed: int) -> tuple[Path, Path]:
-    """Fly the scenario's motion of 60 s and its rests; return recording and configuration."""
+    """Simulate the scenario's motion of 60 s and its rests; return recording and configuration."""
     setup = prepare(load_scenario(SCENARIO), seed, folder)
     run_virtual(setup, Quiet(), record=True)
     return next(folder.rglob("*.mcap")), setup.config_path
 
 
 def motion() -> Samples:
-    """Return the 30 000 samples of the same motion, decoded, as exact arrays."""
+    """Return the 30 000 samples of the same motion as decoded arrays without noise."""
     scenario = load_scenario(SCENARIO)
     spline = JointSpline.load(scenario.identification)
     history = simulate(true_robot(scenario), spline, 0.0, spline.duration_s, dt_s=0.02)
@@ -86,7 +86,7 @@ def motion() -> Samples:
 
 
 def seconds(function: Callable[[], object], repeats: int) -> float:
-    """Return the least processor time of some runs."""
+    """Return the shortest processor time of `repeats` calls [s]."""
     best = float("inf")
     for _ in range(repeats):
         start = time.process_time()
@@ -96,7 +96,7 @@ def seconds(function: Callable[[], object], repeats: int) -> float:
 
 
 def regressor_loop(problem: Problem, samples: Samples) -> FloatArray:
-    """Return the stacked reduced regressor by a plain Pinocchio loop, and its right-hand side."""
+    """Return the stacked reduced regressor from a Pinocchio loop; last column: right-hand side."""
     model, n = problem.model, samples.tau.shape[1]
     rows = np.empty((len(samples.q), 6 + n, problem.U.shape[1] + 1))
     for i in range(len(samples.q)):
@@ -108,13 +108,13 @@ def regressor_loop(problem: Problem, samples: Samples) -> FloatArray:
 
 
 def bare_loop(problem: Problem, samples: Samples) -> None:
-    """Evaluate Pinocchio's regressor at every sample and throw it away."""
+    """Evaluate Pinocchio's regressor at every sample and discard the results."""
     for i in range(len(samples.q)):
         problem.model.regressor(samples.q[i], samples.w_NB_B[i], samples.qd[i], samples.a[i])
 
 
 def least_squares(problem: Problem, samples: Samples) -> FloatArray:
-    """Build and solve the paper's MRNEA over all samples: the peer."""
+    """Return the solution of the paper's MRNEA over all samples: the peer of `identify`."""
     rows = regressor_loop(problem, samples)
     return np.asarray(np.linalg.lstsq(rows[:, :-1], rows[:, -1], rcond=None)[0])
 
@@ -122,7 +122,7 @@ def least_squares(problem: Problem, samples: Samples) -> FloatArray:
 def compare_identify(
     recording: Path, config_path: Path, problem: Problem, samples: Samples
 ) -> list[SpeedRatio]:
-    """Measure bytes to result beside the peer, without and with the imports of both."""
+    """Compare the time from bytes to result with the peer's, without and with their imports."""
     config = load(config_path)
     own_s = seconds(partial(identify, recording, config, METHOD, ()), 2)
     peer_s = seconds(partial(least_squares, problem, samples), 2)
@@ -152,7 +152,7 @@ def compare_identify(
 
 
 def compare_online(problem: Problem, samples: Samples, seed: int) -> list[SpeedRatio]:
-    """Measure the daemon's own estimation over a flight, both bodies unknown."""
+    """Compare the daemon's estimation of both bodies over a flight with regressor calls."""
     few = samples.first(peers.REGRESSOR_SAMPLES)
 
     def call_s() -> float:
@@ -177,7 +177,7 @@ def compare_online(problem: Problem, samples: Samples, seed: int) -> list[SpeedR
 
 
 def estimation_s(seed: int) -> tuple[list[float], int]:
-    """Return the processor time of every window of a flight [s], and how many ticks it had."""
+    """Return the processor time of every window of a flight [s], and the number of its ticks."""
     spent: list[float] = []
     with tempfile.TemporaryDirectory(prefix="hil-") as folder:
         run = VirtualRun(prepare(load_scenario(FLIGHT), seed, Path(folder)), record=False)
@@ -194,7 +194,7 @@ def estimation_s(seed: int) -> tuple[list[float], int]:
 
 
 def compare_peers(problem: Problem, samples: Samples, urdf: Path) -> list[str]:
-    """Compare the peers' regressors with Pinocchio's, and their recursions with ours."""
+    """Compare regressors with Pinocchio's and recursions with ours; return lines of text."""
     few = samples.first(peers.REGRESSOR_SAMPLES)
     loop_s = seconds(partial(bare_loop, problem, few), 3)
     found = peers.idyntree(problem, few, str(urdf), loop_s, seconds)
@@ -210,7 +210,7 @@ def compare_peers(problem: Problem, samples: Samples, urdf: Path) -> list[str]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print every ratio as it comes; 0 if all bounds are kept."""
+    """Print every ratio when it is measured; return 0 if all are within their bounds, else 1."""
     parser = argparse.ArgumentParser(
         prog="python -m hil.evidence.speed.benchmark", description=__doc__
     )

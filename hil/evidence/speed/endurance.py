@@ -52,37 +52,37 @@ ESTIMATORS = {
 }
 FIRST_LOOK_UPDATES = 100_000
 COVARIANCE_BOUND = 1e-6
-OWN_GROWTH_BYTES = 4096  # of the estimator: numbers that grow a digit; a float per block is 100 kB
-LEAKED_OBJECTS = 0.1  # allocated per block pushed; one kept per push is 1
-SPARE_OBJECTS = 1000  # what bars, caches and free lists may still move
-RESIDENT_GROWTH_KB = 4096  # the allocator's own hesitation; an array per block is 100 MB
-SHOW_BLOCKS = 20
+OWN_GROWTH_BYTES = 4096  # of the estimator, for longer integers; a float per block is 100 kB
+LEAKED_OBJECTS = 0.1  # bound per block; an object kept per block is 1
+SPARE_OBJECTS = 1000  # allowed for progress bars, caches and free lists
+RESIDENT_GROWTH_KB = 4096  # allowed for the allocator; an array kept per block is 100 MB
+SHOW_BLOCKS = 20  # blocks between two updates of the progress bar
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Look:
-    """Memory at one moment."""
+    """The memory after a number of updates."""
 
     updates: int
-    own_bytes: int  # of everything reachable from the estimator
-    objects: int  # allocated by the interpreter
+    own_bytes: int  # size of everything that is reachable from the estimator
+    objects: int  # memory blocks allocated by the interpreter
     resident_kb: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Endurance:
-    """Figures of one long run."""
+    """The figures of one estimator's long run."""
 
     estimator: str
     blocks: int
     updates: int
-    looks: tuple[Look, ...]
-    finite: bool
-    covariance_difference: float  # largest, relative to the sigmas of the batch
+    looks: tuple[Look, ...]  # in the order of updates
+    finite: bool  # whether the final covariance is finite
+    covariance_difference: float  # largest to the batch, relative to the sigmas of the batch
 
     @property
     def flat(self) -> bool:
-        """Return whether memory stayed at its first measurement."""
+        """Whether the memory grew within its bounds from the first to the last look."""
         first, last = self.looks[0], self.looks[-1]
         pushed = self.blocks * (1.0 - first.updates / last.updates)
         return (
@@ -93,11 +93,11 @@ class Endurance:
 
     @property
     def passed(self) -> bool:
-        """Return whether memory is flat, the factor finite and the covariance that of the batch."""
+        """Whether memory is flat, and the covariance is finite and equal to that of the batch."""
         return self.flat and self.finite and self.covariance_difference < COVARIANCE_BOUND
 
     def line(self) -> str:
-        """Return one line of the report."""
+        """Return the figures as one line of text."""
         first, last = self.looks[0], self.looks[-1]
         return (
             f"{'ok' if self.passed else 'MISSED':7}{self.estimator:10} {self.updates:.0e} updates: "
@@ -110,23 +110,23 @@ class Endurance:
 
 
 class Tally(Protocol):
-    """The batch of what an estimator has absorbed, kept apart from it."""
+    """Accumulates a batch of the blocks that an estimator gets, apart from the estimator."""
 
     def before_push(self, block: Block) -> None:
-        """Look before a block is pushed."""
+        """Prepare for a block that is about to be pushed."""
         ...
 
     def after_push(self) -> None:
-        """Look after it."""
+        """Account for the block that was pushed."""
         ...
 
     def covariances(self) -> tuple[FloatArray, FloatArray]:
-        """Return the batch's covariance and the estimator's."""
+        """Return the covariance (p, p) of the batch and that of the estimator."""
         ...
 
 
 class StoredTally:
-    """Prior precision plus the normal matrix of the rows that stand in a relinearising one."""
+    """Prior precision plus normal matrices of the rows that a relinearising estimator has used."""
 
     def __init__(self, online: OnlineEstimator) -> None:
         self._memory = online.recursion.memory
@@ -135,18 +135,18 @@ class StoredTally:
         self._oldest: Any = None
 
     def before_push(self, _block: Block) -> None:
-        """Remember the block that may leave the store."""
-        stored = self._memory._store  # noqa: SLF001 - the instrument reads what it measures
+        """Keep the oldest stored block, which may leave the store."""
+        stored = self._memory._store  # noqa: SLF001 - a measurement of the private store
         self._oldest = stored[0] if stored else None
 
     def after_push(self) -> None:
-        """Add the rows of the block that has left."""
+        """Add the rows of the oldest block if it has left the store."""
         stored = self._memory._store  # noqa: SLF001
         if self._oldest is not None and stored[0] is not self._oldest:
             self._F = self._F + self._oldest.A.T @ self._oldest.A
 
     def covariances(self) -> tuple[FloatArray, FloatArray]:
-        """Return both, of everything folded in."""
+        """Return both covariances, from all rows so far."""
         F = self._F
         for stored in self._memory._store:  # noqa: SLF001
             F = F + stored.A.T @ stored.A
@@ -154,7 +154,7 @@ class StoredTally:
 
 
 class LinearTally:
-    """Prior precision plus the normal matrix of rows that depend on the block alone."""
+    """Prior precision plus normal matrices of rows that depend only on the block."""
 
     def __init__(self, online: OnlineEstimator) -> None:
         self._memory, self._rows = online.recursion.memory, online.rows
@@ -168,15 +168,15 @@ class LinearTally:
         self._F = self._F + A.T @ A
 
     def after_push(self) -> None:
-        """Nothing to see."""
+        """Do nothing."""
 
     def covariances(self) -> tuple[FloatArray, FloatArray]:
-        """Return both, of everything folded in, before the residuals' variance scales them."""
+        """Return both covariances from all rows, not yet scaled by the residuals' variance."""
         return inverse(self._F), self._memory.information.covariance()
 
 
 class SumsTally:
-    """The sums of the bias-compensated regression, added up per lap: another order of addition."""
+    """The sums of the bias-compensated regression, added in another order: first within laps."""
 
     def __init__(self, online: BiasCompensatedEstimator, lap: int) -> None:
         self._online, self._lap = online, lap
@@ -192,10 +192,10 @@ class SumsTally:
             self._laps, self._newest = self._laps + self._newest, no_sums(len(online._x))  # noqa: SLF001
 
     def after_push(self) -> None:
-        """Nothing to see."""
+        """Do nothing."""
 
     def covariances(self) -> tuple[FloatArray, FloatArray]:
-        """Return both; the batch solves its own sums."""
+        """Return both covariances; that of the batch comes from the batch's own sums."""
         sums, online = self._laps + self._newest, self._online
         prior = online._problem.prior_mean  # noqa: SLF001
         solution = compensated_solution(sums, prior, online._precision)  # noqa: SLF001
@@ -203,7 +203,7 @@ class SumsTally:
 
 
 def inverse(F: FloatArray) -> FloatArray:
-    """Return the inverse of a normal matrix, its columns scaled to unit length first."""
+    """Return the inverse of a normal matrix, scaled to a unit diagonal before the inversion."""
     scale = np.sqrt(np.diag(F))
     scaled = np.linalg.solve(F / np.outer(scale, scale), np.eye(len(F)))
     P: FloatArray = scaled / np.outer(scale, scale)
@@ -211,7 +211,7 @@ def inverse(F: FloatArray) -> FloatArray:
 
 
 def again(blocks: Sequence[Block], k: int, period_ns: int) -> Block:
-    """Return the k-th block of an endless repetition."""
+    """Return block k of an endless repetition, with new index and time; `period_ns` per block."""
     lap, place = divmod(k, len(blocks))
     block = blocks[place]
     return replace(block, index=k, t_ns=block.t_ns + lap * len(blocks) * period_ns)
@@ -220,11 +220,11 @@ def again(blocks: Sequence[Block], k: int, period_ns: int) -> Block:
 def endure(
     name: str, flown: Flown, updates: float, show: Callable[[int], None] = lambda _done: None
 ) -> Endurance:
-    """Update an estimator with one flight's blocks again and again; judge memory and result.
+    """Update an estimator with one flight's blocks again and again; return memory and covariance.
 
-    Memory is first measured after a tenth of the updates, `FIRST_LOOK_UPDATES` at most, and not
-    before the flight came twice (or half of a short run): until then the store of blocks grows.
-    Then it is measured at every decade and at the end. `show` receives the updates done.
+    Memory is first measured after a tenth of the updates, at most `FIRST_LOOK_UPDATES`, but not
+    before two laps of the flight (or half of a short run), because the store of blocks grows until
+    then. Later it is measured after each factor of ten and at the end. `show` gets the updates.
     """
     config = with_estimator(flown.config, *ESTIMATORS[name])
     window_s = config.estimator.window_s
@@ -265,7 +265,7 @@ def endure(
 
 
 def look(updates: int, online: object) -> Look:
-    """Measure memory now."""
+    """Return the present memory after a garbage collection."""
     gc.collect()
     return Look(
         updates=updates,
@@ -276,7 +276,7 @@ def look(updates: int, online: object) -> Look:
 
 
 def reachable_bytes(root: object) -> int:
-    """Return the size of an object and of all it leads to, code and classes left out."""
+    """Return the size of an object and all objects that it refers to, without code and classes."""
     seen, waiting, size = {id(root)}, [root], 0
     while waiting:
         thing = waiting.pop()
@@ -294,7 +294,7 @@ def reachable_bytes(root: object) -> int:
 
 
 def stored(folder: Path | None, updates: float, scenario: str) -> tuple[dict[str, Endurance], Path]:
-    """Return the results that stand in a folder for this length, and their file."""
+    """Return the results of a scenario and length in a folder, by estimator, and their file."""
     if folder is None:
         return {}, Path(os.devnull)
     folder.mkdir(parents=True, exist_ok=True)
@@ -313,7 +313,7 @@ def _advance(progress: Progress, task: TaskID, done: int) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run every requested estimator; return 0 if all passed."""
+    """Run every requested estimator; return 0 if all passed, else 1."""
     parser = argparse.ArgumentParser(
         prog="python -m hil.evidence.speed.endurance", description=__doc__
     )

@@ -1,4 +1,4 @@
-"""How old samples and estimates are when their telemetry packet reaches a client."""
+"""The age of samples and estimates when their telemetry packet reaches a client."""
 
 import socket
 import threading
@@ -15,12 +15,12 @@ APPLICATIONS = sorted({packet.apid for packet in DICTIONARY.packets})
 
 
 class LinkDelays:
-    """A telemetry client on this machine, which shares the daemon's clock.
+    """A telemetry client on the daemon's machine, so that both use the same clock.
 
     Parameters
     ----------
-    port : of the daemon's telemetry
-    lag_s : from a window's end to its closing
+    port : TCP port of the daemon's telemetry
+    lag_s : time from the end of a window to its closing
     """
 
     def __init__(self, port: int, lag_s: float) -> None:
@@ -32,21 +32,21 @@ class LinkDelays:
         self._thread.start()
 
     def p99_ms(self, packet: str) -> float:
-        """Return the 99th percentile of a packet's age [ms]; 0 where none has come.
+        """Return the 99th percentile of a packet's age [ms]; 0 if none was received.
 
-        Of "science" the age of the newest joint sample, of "estimate" the time from the closing
-        of its window; each at the first packet that holds it.
+        The age of "science" is that of the newest joint sample. The age of "estimate" is the time
+        since the closing of its window. Only the first packet with a new value counts.
         """
         ages_s = self._ages_s[packet]
         return 1e3 * float(np.percentile(ages_s, 99)) if ages_s else 0.0
 
     def join(self) -> None:
-        """Wait until the other end has hung up."""
+        """Wait until the daemon has closed the connection."""
         self._thread.join()
 
     def close(self) -> None:
         """End the connection."""
-        with suppress(OSError):  # the other end has
+        with suppress(OSError):  # the daemon has closed it
             self._link.shutdown(socket.SHUT_RDWR)
         self._thread.join()
         self._link.close()

@@ -1,7 +1,7 @@
 """Peers of the benchmark on the same data: regressors and recursions of other packages.
 
-Each needs its package (`pip install .[peers]`). A peer that is missing, or refuses the problem,
-gives a line saying so from the try in this very run.
+Each peer needs its package (`pip install .[peers]`). A peer that is missing, or that rejects the
+problem in this run, gives a line of text with the reason.
 """
 
 from __future__ import annotations
@@ -23,34 +23,34 @@ from fsw.messages import FloatArray
 
 RECURSION_SAMPLES = 300
 REGRESSOR_SAMPLES = 2000
-RIDGE = 1e-6  # information of the recursions' start
+RIDGE = 1e-6  # prior information of the recursions
 REFUSALS = (ImportError, AttributeError, KeyError, RuntimeError, TypeError, ValueError)
 
 Timer = Callable[[Callable[[], object], int], float]
 Figure = tuple[str, float, float | None]  # name, value, upper bound
-Outcome = Figure | str  # or why there is none
+Outcome = Figure | str  # a figure, or the reason why there is none
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Samples:
-    """Decoded samples of a motion; base quantities in base axes."""
+    """Decoded samples of a motion in SI units; quantities of the base are in B."""
 
     q: FloatArray  # (N, n)
     qd: FloatArray  # (N, n)
     w_NB_B: FloatArray  # (N, 3)
-    a: FloatArray  # (N, 6 + n) classical base acceleration, angular and joint accelerations
+    a: FloatArray  # (N, 6 + n) classical base acceleration, base angular and joint accelerations
     tau: FloatArray  # (N, n)
 
     def first(self, count: int) -> Samples:
-        """Return the first samples."""
+        """Return the first `count` samples."""
         q, qd, w, a, tau = (x[:count] for x in (self.q, self.qd, self.w_NB_B, self.a, self.tau))
         return Samples(q=q, qd=qd, w_NB_B=w, a=a, tau=tau)
 
 
 def attempt(package: str, compare: Callable[[ModuleType], Iterator[Outcome]]) -> list[Outcome]:
-    """Return a peer's figures, or what it said when it could not be used.
+    """Return the figures of a peer, or its error message if the peer cannot be used.
 
-    `compare` gets the imported module. What the peer prints or warns of is its own affair.
+    `compare` gets the imported module. Output and warnings of the peer are suppressed.
     """
     found: list[Outcome] = []
     try:
@@ -74,7 +74,7 @@ def _version(package: str) -> str:
 def idyntree(
     problem: Problem, samples: Samples, urdf: str, own_s: float, seconds: Timer
 ) -> list[Outcome]:
-    """Compare Pinocchio's loop with one over iDynTree's inverse dynamics regressor."""
+    """Compare Pinocchio's loop (`own_s`) with a loop over iDynTree's inverse dynamics regressor."""
 
     def compare(idyn: ModuleType) -> Iterator[Outcome]:
         loader = idyn.ModelLoader()
@@ -102,7 +102,7 @@ def idyntree(
 
 
 def figaroh(problem: Problem, samples: Samples, own_s: float, seconds: Timer) -> list[Outcome]:
-    """Compare with figaroh's regressor builder: joint rows if it can, the base's rows otherwise."""
+    """Compare Pinocchio's loop with figaroh's rows of the base; try its joint rows first."""
     model = problem.model.model
     robot = SimpleNamespace(model=model, data=model.createData())
     n = len(samples.q)
@@ -128,7 +128,7 @@ def figaroh(problem: Problem, samples: Samples, own_s: float, seconds: Timer) ->
 
 
 def recursions(rows: FloatArray, height: int, seconds: Timer) -> list[Outcome]:
-    """Compare one update of p states by one sample's rows (height, p+1) with two peers."""
+    """Compare updates of p states with one sample's rows (height, p + 1) each with two peers."""
     p = rows.shape[1] - 1
     parts = rows[: RECURSION_SAMPLES * height].reshape(-1, height, p + 1)
 

@@ -33,19 +33,19 @@ TIMEOUT_S = 60.0
 
 
 class StartupError(RuntimeError):
-    """The daemon sent no SYNC; the message holds the end of its log."""
+    """The daemon sent no SYNC; the message has the end of the daemon's log."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StartupPair:
-    """One start of each [s]."""
+    """The times of one import and of one start of the daemon to its first SYNC."""
 
     import_s: float
     sync_s: float
 
     @property
     def ratio(self) -> float:
-        """First SYNC over import."""
+        """The time to the first SYNC over the time of the import."""
         return self.sync_s / self.import_s
 
 
@@ -57,11 +57,11 @@ def time_import() -> float:
 
 
 def time_first_sync(config_path: Path, config: Config) -> float:
-    """Return the time from exec of `fsw run` to its first SYNC as seen on the bus [s].
+    """Return the time from exec of `fsw run` to the first SYNC that this process receives [s].
 
     Raises
     ------
-    StartupError when there is none.
+    StartupError if no SYNC is received within TIMEOUT_S.
     """
     (bus,) = config.buses
     log_path = config_path.parent / "daemon.log"
@@ -90,7 +90,7 @@ def time_first_sync(config_path: Path, config: Config) -> float:
 
 
 def measure(count: int) -> Iterator[StartupPair]:
-    """Yield pairs measured in turn; a first one, that fills the caches, is not counted."""
+    """Yield `count` pairs; an additional first pair fills the caches and is discarded."""
     with TemporaryDirectory(prefix="startup_") as name, ExitStack() as held:
         setup = prepare(load(SCENARIO), 0, Path(name), real_time=True)
         for device in ("imu", "star_tracker"):
@@ -104,7 +104,7 @@ def measure(count: int) -> Iterator[StartupPair]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Measure and print."""
+    """Measure and print the times and their ratios; return 0."""
     parser = argparse.ArgumentParser(
         prog="python -m hil.evidence.speed.startup", description=__doc__
     )
@@ -122,7 +122,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 @contextmanager
 def _silent_line(link: Path) -> Iterator[None]:
-    """Make a serial line at a path, with a device that says nothing."""
+    """Make a serial line at a path, with a device that sends nothing."""
     device_fd, host_fd = os.openpty()
     tty.setraw(host_fd)
     link.symlink_to(os.ttyname(host_fd))

@@ -45,19 +45,19 @@ from hil.world.scenario import load as load_scenario
 
 SCENARIO = "target_leo"
 SECOND_NS = 1_000_000_000
-EDGE_NS = 100_000_000  # after every switch, not counted
-SETTLE_S = 8  # for the service to come up
-LEAST_PACKETS = 50  # before counting: the client receives telemetry
-LOOK_NS = 500_000_000  # between two looks whether it is
-START_NS = 60 * SECOND_NS  # for service and client to come up
-TELL_S = 10  # between two lines of progress
-ORDER = (False, True, True, False)  # with telemetry or without: a steady drift cancels
+EDGE_NS = 100_000_000  # time after every switch that is not counted
+SETTLE_S = 8  # time for the service to start
+LEAST_PACKETS = 50  # packets that show that the client receives telemetry
+LOOK_NS = 500_000_000  # time between two checks of the number of packets
+START_NS = 60 * SECOND_NS  # most time until the client receives telemetry
+TELL_S = 10  # time between two lines of progress
+ORDER = (False, True, True, False)  # whether a run has telemetry; a steady drift cancels
 INTERVALS_MS = dict.fromkeys(range(1, 9), 100) | {20: 10}
 
 
 @dataclass(slots=True)
 class Phase:
-    """Measurements of the seconds with telemetry, or of those without."""
+    """Measurements over the seconds with telemetry on, or over those with telemetry off."""
 
     work_us: list[float] = field(default_factory=list)
     slips: int = 0
@@ -65,7 +65,7 @@ class Phase:
     service_cpu_s: float = 0.0
     loop_cpu_s: float = 0.0
     estimation_cpu_s: float = 0.0
-    packets: int = 0  # telemetry sent, as far as the daemon counted it
+    packets: int = 0  # telemetry packets that the daemon has counted as sent
 
     def add(self, other: Phase) -> None:
         """Add the measurements of another run."""
@@ -74,22 +74,22 @@ class Phase:
 
     @property
     def p99_us(self) -> float:
-        """99th percentile of a tick's work [us]."""
+        """The 99th percentile of a tick's work [us]."""
         return float(np.percentile(self.work_us, 99))
 
     @property
     def cpu_ratio(self) -> float:
-        """Cores used by loop, estimation and service."""
+        """Processor time of loop, estimation and service per second: the cores used."""
         return (self.service_cpu_s + self.loop_cpu_s + self.estimation_cpu_s) / self.seconds
 
 
 def is_on(now_ns: int) -> bool:
-    """Return whether telemetry is on in this second."""
+    """Return whether telemetry is on in the second of a time: in even seconds."""
     return now_ns // SECOND_NS % 2 == 0
 
 
 def client(port: int) -> int:
-    """Ask in even seconds, refuse in odd ones, take what comes; until the daemon goes."""
+    """Enable telemetry in even seconds only and read it; return 0 at the connection's end."""
     sequence = 0
 
     def tell(link: socket.socket, name: str, **values: object) -> None:
@@ -119,7 +119,7 @@ def client(port: int) -> int:
 
 
 def _connected(port: int) -> socket.socket:
-    """Return a connection; the service may still be starting."""
+    """Return a connection; wait up to 60 s while the service starts. Raises LiveError."""
     for _ in range(600):
         try:
             return socket.create_connection(("127.0.0.1", port))
@@ -129,7 +129,7 @@ def _connected(port: int) -> socket.socket:
 
 
 def sent_packets(state: Path) -> int:
-    """Return the telemetry packets sent so far, by the daemon's own status file."""
+    """Return the number of telemetry packets sent so far, from the daemon's status file."""
     status = live.read_status(state / "status.json") or {}
     return int(status.get("telemetry", {}).get("link", {}).get("tm_packets", 0))
 
@@ -140,7 +140,7 @@ def cpu_s(pid: int) -> float:
 
 
 def measure(folder: Path, seconds: int, *, telemetry: bool = True) -> tuple[Phase, Phase]:
-    """Return the measurements of odd and even seconds; with telemetry, off and on."""
+    """Return the measurements over odd (off) and even (on) seconds; no link if not `telemetry`."""
     port = free_port() if telemetry else None
     section = {"port": port, "housekeeping_interval_s": 0.0} if telemetry else None
     scenario = load_scenario(SCENARIO)
@@ -151,7 +151,7 @@ def measure(folder: Path, seconds: int, *, telemetry: bool = True) -> tuple[Phas
 
 
 def free_port() -> int:
-    """Return a TCP port nobody uses now."""
+    """Return a TCP port that no process uses now."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port: int = probe.getsockname()[1]
@@ -184,7 +184,7 @@ def _fly(path: Path, port: int | None, seconds: int) -> tuple[Phase, Phase]:
 
 @contextmanager
 def _asking(loop: Loop, port: int, state: Path) -> Iterator[None]:
-    """Run a client process during the block; the loop ticks until telemetry reaches it."""
+    """Run a client process during the block; first run the loop until the client gets packets."""
     command = [sys.executable, "-m", "hil.evidence.speed.telemetry_cost", "--client", str(port)]
     with subprocess.Popen(tied(command), env=os.environ | {"OPENBLAS_NUM_THREADS": "1"}) as process:
         try:
@@ -206,7 +206,7 @@ def _tick_until_heard(loop: Loop, state: Path) -> None:
 
 
 def _count(loop: Loop, processes: Processes, phases: tuple[Phase, Phase], seconds: int) -> None:
-    """Tick for so many seconds; sort what is seen by the second's kind."""
+    """Run the loop for `seconds`; add the measurements to the phase of each second."""
     slips, pids = loop.executive.slips, (processes.service.pid, processes.estimation.pid)
     began_ns = time.monotonic_ns()
     told_s, counting, on = 0, False, False
@@ -241,7 +241,7 @@ def tell(text: str) -> None:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Measure and print; exit code 1 when a bound is missed."""
+    """Measure and print; return 1 if a bound is exceeded, else 0."""
     parser = argparse.ArgumentParser(prog="hil.evidence.speed.telemetry_cost", description=__doc__)
     parser.add_argument("--seconds", type=int, default=80, help="of each of four runs")
     parser.add_argument("--client", type=int, metavar="PORT", help=argparse.SUPPRESS)
@@ -259,10 +259,10 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def report(without: tuple[Phase, Phase], off: Phase, on: Phase) -> int:
-    """Print the table; return 1 when a bound is missed."""
+    """Print the table; return 1 if a bound is exceeded or too few packets were sent, else 0."""
     none = sum(phase.cpu_ratio for phase in without) / 2.0
     extra, whole, ratio = on.cpu_ratio - off.cpu_ratio, on.cpu_ratio - none, on.p99_us / off.p99_us
-    chance = 3.0 * np.sqrt(off.slips + on.slips + 1.0)  # three sigma of a count's difference
+    chance = 3.0 * np.sqrt(off.slips + on.slips + 1.0)  # 3 sigma of the difference of two counts
     lines = [f"{'':15}{'none':>10}{'':10}{'off':>10}{'on':>10}"]
     phases = (*without, off, on)
     for name, values in (

@@ -1,9 +1,9 @@
-"""`hil bench`: the whole daemon in real time, alone and beside other work.
+"""`hil bench`: the whole daemon in real time, alone and under load.
 
-Each condition is a run of its own against simulated devices: alone, beside a process that takes a
-processor, a batch job, and ten telemetry clients with fast packets. During each, `cyclictest`
-(Debian's rt-tests) shows what the machine itself does to a timer of the same rate. Everything about
-the daemon is its own status, what the system counts for its processes, and what its link sends.
+Each condition is a separate run with simulated devices: alone, with a process that occupies a
+processor, with a batch job, or with ten telemetry clients that get fast packets. In each run,
+`cyclictest` (Debian's rt-tests) shows how late the machine is with a timer of the same rate. The
+figures come from the daemon's status and telemetry, and from the system's counts of its processes.
 """
 
 import json
@@ -33,9 +33,9 @@ from hil.run.processes import resident_bytes, tied
 from hil.run.progress import Meter
 from hil.world.scenario import load as load_scenario
 
-SETTLE_S = 6.0  # not counted: start-up
+SETTLE_S = 6.0  # start-up, which is not counted
 CLIENTS = 10
-FAST = {"housekeeping_interval_s": 0.1, "science_interval_s": 0.01}  # what the ten are sent
+FAST = {"housekeeping_interval_s": 0.1, "science_interval_s": 0.01}  # for the ten clients
 CONDITIONS = ("alone", "hog", "batch", "clients")
 BATCH_METHOD = "rda"
 HOG = "while True: pass"
@@ -43,59 +43,59 @@ HOG = "while True: pass"
 
 @dataclass(slots=True)
 class Condition:
-    """Measurements of one run after start-up."""
+    """The measurements of one run after start-up."""
 
-    name: str
+    name: str  # one of CONDITIONS
     seconds: float = 0.0
     core_percent: dict[str, float] = field(default_factory=dict)  # by process
-    resident_mb: dict[str, float] = field(default_factory=dict)
+    resident_mb: dict[str, float] = field(default_factory=dict)  # by process
     ticks: int = 0
     slips: int = 0
     stalls: int = 0
-    over_budget: int = 0
-    work_mean_us: float = 0.0  # since the start, as is the percentile
-    work_p99_us: float = 0.0
+    over_budget: int = 0  # ticks whose work exceeds the period
+    work_mean_us: float = 0.0  # since the start of the daemon
+    work_p99_us: float = 0.0  # since the start of the daemon
     sampled_p99_us: float = 0.0  # from the arrival of a batch's first frame to its samples
     published_p99_us: float = 0.0  # from a window's closing to its published estimate
     sample_packet_p99_ms: float = 0.0  # age of the newest joint sample in a packet; 0: none sent
     estimate_packet_p99_ms: float = 0.0  # from a window's closing to its telemetry packet
-    incidents: dict[str, int] = field(default_factory=dict)
-    bench: dict[str, Any] = field(default_factory=dict)  # stalls of the devices' own process
-    dropped: int = 0  # messages the recorder or the ring lost
-    lost: dict[str, int] = field(default_factory=dict)  # samples, by source
-    timer_wakes: int = 0  # of cyclictest; 0: not installed
-    timer_slips: int = 0  # grid points that it missed: a wake-up k periods late misses k
-    timer_stalls: int = 0  # its wake-ups as late as what the loop calls a stall
+    incidents: dict[str, int] = field(default_factory=dict)  # by event code
+    bench: dict[str, Any] = field(default_factory=dict)  # stalls of the devices' process
+    dropped: int = 0  # messages that the ring has lost
+    lost: dict[str, int] = field(default_factory=dict)  # lost samples by source
+    timer_wakes: int = 0  # wake-ups of cyclictest; 0 if it is not installed
+    timer_slips: int = 0  # grid points that cyclictest missed: k for a wake-up k periods late
+    timer_stalls: int = 0  # wake-ups of cyclictest that are late enough for a stall of the loop
 
     @property
     def slips_per_1000(self) -> float:
-        """Grid points missed, of a thousand."""
+        """Grid points that the loop missed, of a thousand."""
         return 1000.0 * self.slips / max(1, self.ticks + self.slips)
 
     @property
     def timer_slips_per_1000(self) -> float:
-        """Grid points that cyclictest missed, of a thousand: it skips them as the loop does."""
+        """Grid points that cyclictest missed, of a thousand, counted as those of the loop."""
         return 1000.0 * self.timer_slips / max(1, self.timer_wakes + self.timer_slips)
 
     @property
     def timer_stalls_of_run(self) -> float:
-        """Stalls of cyclictest, in proportion to as many grid points as the loop had."""
+        """Stalls of cyclictest, scaled to the number of grid points of the loop."""
         points = max(1, self.timer_wakes + self.timer_slips)
         return self.timer_stalls * (self.ticks + self.slips) / points
 
     @property
     def unexplained(self) -> int:
-        """Incidents that no stall explains, neither of the loop nor of the bench."""
+        """The number of incidents that no stall of loop or bench explains."""
         left = Counter(self.incidents) - Counter(self.bench["explains"])
         return left.total() - left["LOOP_STALLED"]
 
     def to_json(self) -> dict[str, Any]:
-        """Return plain values."""
+        """Return all measurements as JSON values."""
         shares = {"slips_per_1000": self.slips_per_1000}
         return asdict(self) | shares | {"timer_slips_per_1000": self.timer_slips_per_1000}
 
     def to_text(self) -> str:
-        """Return a few lines."""
+        """Return the measurements as lines of text."""
         cores = ", ".join(f"{k} {v:.1f} %" for k, v in self.core_percent.items())
         memory = ", ".join(f"{k} {v:.0f}" for k, v in self.resident_mb.items())
         timer = stalls = "not measured"
@@ -129,7 +129,7 @@ class Condition:
 
 @dataclass(slots=True)
 class _Look:
-    """Counters at one moment."""
+    """The daemon's status and the processor times at one time of the run."""
 
     done_s: float
     cpu_s: dict[str, float]
@@ -137,7 +137,7 @@ class _Look:
 
 
 class _Watch:
-    """Looks at processes and status during a run, and starts the load behind the start-up."""
+    """Records processes and status during a run; calls `start` once after SETTLE_S."""
 
     def __init__(self, state: Path, start: Callable[[], None]) -> None:
         self._state, self._start = state, start
@@ -163,11 +163,11 @@ class _Watch:
 def measure(
     scenario: str, name: str, seconds: float, meter: Meter, bus: str = "udp_multicast"
 ) -> Condition:
-    """Run a scenario in real time in one condition; `bus` may be `udp_frames` too.
+    """Run a scenario in real time in one condition; `bus` is udp_multicast or udp_frames.
 
     Raises
     ------
-    LiveError when a process of the run fails.
+    LiveError if a process of the run fails.
     """
     with tempfile.TemporaryDirectory(prefix="hb-") as home, ExitStack() as stack:
         folder = Path(home)
@@ -206,11 +206,11 @@ def measure(
 
 
 def missed(wakes: Sequence[tuple[int, int]], period_us: float) -> int:
-    """Return the grid points that wake-ups missed.
+    """Return the number of grid points that wake-ups missed.
 
     Parameters
     ----------
-    wakes : how late wake-ups were [us], and how many were so late
+    wakes : pairs of a lateness [us] and the number of wake-ups with this lateness
     """
     return sum(count * int(late_us // period_us) for late_us, count in wakes)
 
@@ -247,7 +247,7 @@ def _condition(name: str, watch: _Watch, final: Mapping[str, Any]) -> Condition:
 
 @contextmanager
 def _load(name: str, config: Path, port: int) -> Iterator[None]:
-    """Do what the condition says during the block."""
+    """Keep up the load of a condition during the block."""
     with ExitStack() as stack:
         if name == "hog":
             hog = subprocess.Popen(tied([sys.executable, "-c", HOG]))
@@ -275,7 +275,7 @@ def _read_all(link: socket.socket) -> None:
 
 @contextmanager
 def _timer(rate_hz: float, seconds: float, wakes: list[tuple[int, int]]) -> Iterator[None]:
-    """Run cyclictest during the block; append how late its wake-ups were [us], and counts."""
+    """Run cyclictest during the block; append pairs of a lateness [us] and a count to `wakes`."""
     command = cyclictest_command(rate_hz, 0.9 * seconds)
     if command is None:
         yield
@@ -292,7 +292,7 @@ def _timer(rate_hz: float, seconds: float, wakes: list[tuple[int, int]]) -> Iter
 
 
 def _cpu_s(pid: int) -> float:
-    """Return the processor time of a process so far [s]; 0 of one that has ended."""
+    """Return the processor time of a process so far [s]; 0 if the process has ended."""
     try:
         text = Path(f"/proc/{pid}/stat").read_text(encoding="ascii")
     except (FileNotFoundError, ProcessLookupError):
@@ -302,7 +302,7 @@ def _cpu_s(pid: int) -> float:
 
 
 def summary(rounds: list[list[Condition]]) -> str:
-    """Return the median of every figure that the rounds repeat, with least and greatest."""
+    """Return lines of text: median, least and greatest of every figure over the rounds."""
     lines = []
     for k, condition in enumerate(rounds[0]):
         runs = [conditions[k] for conditions in rounds]
@@ -329,7 +329,7 @@ def summary(rounds: list[list[Condition]]) -> str:
             "incidents that no stall of the bench explains": [run.unexplained for run in runs],
         }
         samples = [run.sample_packet_p99_ms for run in runs]
-        if any(samples):  # sent to clients only
+        if any(samples):  # science packets are sent to clients only
             figures["sample's packet, p99 [ms]"] = samples
         lines += [
             f"{condition.name}: {what} {np.median(values):.1f} ({min(values):.1f} to"
@@ -340,5 +340,5 @@ def summary(rounds: list[list[Condition]]) -> str:
 
 
 def as_json(rounds: list[list[Condition]]) -> str:
-    """Return every run as one JSON object."""
+    """Return all runs as one JSON object."""
     return json.dumps({"rounds": [[run.to_json() for run in runs] for runs in rounds]})
