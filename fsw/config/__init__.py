@@ -1,7 +1,7 @@
-"""The configuration: one pydantic schema, YAML in, `ConfigError` out.
+"""The configuration: pydantic models that read YAML and raise `ConfigError`.
 
-Every key with a dimension ends in its unit. Nothing about geometry or noise has a default. Paths
-are relative to the configuration file. Reading a configuration touches no device.
+Every key with a dimension ends in its unit. Most keys of geometry and noise have no default. Paths
+are relative to the configuration file. Reading a configuration opens no device.
 """
 
 from fsw.config.base import (

@@ -1,13 +1,13 @@
-"""Base of all sections of the configuration: strictness, and types with bounds."""
+"""Base class of all sections of the configuration, and types of values with bounds."""
 
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-MAX_MASS_KG = 1e6  # of a body; a space station has half of it
+MAX_MASS_KG = 1e6  # of a body; a space station has half of this mass
 MAX_LENGTH_M = 100.0  # from the origin of a body's frame
 MAX_INERTIA_KG_M2 = 1e9
-SMALLEST = 1e-12  # of a noise: its square is still far from where arithmetic ends
+SMALLEST = 1e-12  # least 1 sigma of a noise: its square does not underflow
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -21,7 +21,7 @@ def _not_zero(value: float) -> float:
 
 
 Gain = Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False), AfterValidator(_not_zero)]
-# what a robot in space, its sensors and what is not known of them can be
+# plausible values and sigmas of a space robot and its sensors
 Mass = Annotated[float, Field(ge=1e-3, le=MAX_MASS_KG, allow_inf_nan=False)]
 MassSigma = Annotated[float, Field(ge=1e-9, le=MAX_MASS_KG, allow_inf_nan=False)]
 Length = Annotated[float, Field(ge=0, le=MAX_LENGTH_M, allow_inf_nan=False)]
@@ -37,7 +37,7 @@ RandomWalk = Annotated[float, Field(ge=SMALLEST, le=10.0, allow_inf_nan=False)] 
 TorqueSigma = Annotated[float, Field(ge=0, le=1e4, allow_inf_nan=False)]  # 0: not estimated
 ForceSigma = Annotated[float, Field(ge=0, le=1e4, allow_inf_nan=False)]
 MomentumSigma = Annotated[float, Field(ge=0, le=1e6, allow_inf_nan=False)]
-Turn = Annotated[float, Field(ge=-6.3, le=6.3, allow_inf_nan=False)]  # rad: one, either way
+Turn = Annotated[float, Field(ge=-6.3, le=6.3, allow_inf_nan=False)]  # rad: up to one revolution
 AngleSigma = Annotated[float, Field(ge=0, le=1.0, allow_inf_nan=False)]  # 0: exact
 ScaleSigma = Annotated[float, Field(ge=0, le=1.0, allow_inf_nan=False)]
 SlowRate = Annotated[float, Field(ge=1e-4, le=1.0, allow_inf_nan=False)]  # rad/s
@@ -48,7 +48,7 @@ Delay = Annotated[float, Field(ge=0, le=10.0, allow_inf_nan=False)]
 Rate = Annotated[float, Field(gt=0, le=1e5, allow_inf_nan=False)]
 Interval = Annotated[float, Field(ge=0, le=1e7, allow_inf_nan=False)]  # s
 Duration = Annotated[float, Field(gt=0, le=1e7, allow_inf_nan=False)]  # s
-LongDuration = Annotated[float, Field(gt=0, le=1e30, allow_inf_nan=False)]  # s; practically never
+LongDuration = Annotated[float, Field(gt=0, le=1e30, allow_inf_nan=False)]  # s; may be endless
 
 GravityComponent = Annotated[float, Field(ge=-30.0, le=30.0, allow_inf_nan=False)]
 Vector3 = tuple[Finite, Finite, Finite]
@@ -66,13 +66,13 @@ BodyName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,31}$")]
 
 
 class Section(BaseModel):
-    """Strictness shared by every section: no unknown keys, nothing changes after reading."""
+    """Base class of every section: it refuses unknown keys and is immutable."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 def null_is_left_out(model: type[BaseModel], data: object) -> object:
-    """Return data without the sections that are null, of those that may be left out."""
+    """Return data without those keys that are null and not required."""
     if not isinstance(data, dict):
         return data
     fields = model.model_fields
@@ -84,7 +84,7 @@ def null_is_left_out(model: type[BaseModel], data: object) -> object:
 
 
 def allow_null(schema: dict[str, Any]) -> None:
-    """State in a JSON schema that every key that is not required may be null."""
+    """Change a JSON schema so that every key that is not required may be null."""
     for key, value in schema["properties"].items():
         if key not in schema["required"] and "anyOf" not in value:
             inner = {name: value.pop(name) for name in list(value) if name != "default"}

@@ -1,4 +1,4 @@
-"""The devices: buses, joint nodes, inertial unit, star tracker."""
+"""Sections of the devices: buses, joint nodes, inertial unit, star tracker."""
 
 from __future__ import annotations
 
@@ -46,17 +46,17 @@ from fsw.config.base import (
 )
 from fsw.messages.errors import brief
 
-MAX_ANGLE_RAD = tau  # of a mounting: more is in degrees
-MOST_GYRO_ERROR = 0.2  # of an entry of the gyro's matrix: more is another unit, or a mounting
-SAMPLES = "samples"  # no device: only recordings of fsw import have its values
+MAX_ANGLE_RAD = tau  # of a mounting; larger angles are probably in degrees
+MOST_GYRO_ERROR = 0.2  # of an entry of gyro_matrix; a larger error is a wrong unit or mounting
+SAMPLES = "samples"  # stands for a device whose values exist only in recordings of fsw import
 
 
 class RedundantBusConfig(Section):
-    """The second bus of a pair; the nodes listen on either, one at a time (ECSS-E-ST-50-15C)."""
+    """The second bus of a redundant pair; nodes use one bus at a time (ECSS-E-ST-50-15C)."""
 
     channel: str
-    port: int | None = Field(default=None, ge=1, le=65535)  # udp_multicast, udp_frames
-    lost_after_s: Duration = 0.3  # without a frame of any node the active bus counts as lost
+    port: int | None = Field(default=None, ge=1, le=65535)  # for udp_multicast and udp_frames
+    lost_after_s: Duration = 0.3  # the active bus is lost if no node sends for this time
     nodes_toggle_s: Duration  # Ttoggle times the nodes' consumer heartbeat time
 
 
@@ -64,28 +64,28 @@ class BusConfig(Section):
     """One CAN bus. `name` is also the recording's topic: /can/<name>."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_]+$")]
-    interface: str | None = None  # of python-can: socketcan, udp_multicast, slcan ...; or samples
-    channel: str | None = None  # neither is needed for a replay
+    interface: str | None = None  # samples, or one of python-can: socketcan, udp_multicast ...
+    channel: str | None = None  # a replay needs neither interface nor channel
     fd: bool = False
     bitrate: int | None = Field(default=None, gt=0)
     data_bitrate: int | None = Field(default=None, gt=0)
-    port: int | None = Field(default=None, ge=1, le=65535)  # udp_multicast, udp_frames
+    port: int | None = Field(default=None, ge=1, le=65535)  # for udp_multicast and udp_frames
     sync: Literal["producer", "consumer"] = "producer"
     rate_hz: Rate
     sync_counter_max: int = Field(default=240, ge=2, le=240)
-    latch_offset_s: Finite = 0.0  # time of validity minus SYNC stamp
-    heartbeat_s: Duration | None = None  # period of the computer's heartbeat; None: it sends none
+    latch_offset_s: Finite = 0.0  # time of validity of joint samples minus SYNC stamp
+    heartbeat_s: Duration | None = None  # period of the computer's heartbeat; None: none is sent
     redundant: RedundantBusConfig | None = None
 
     def second(self) -> BusConfig | None:
-        """Return the redundant bus as a bus of its own; None without one."""
+        """Return the configuration of the redundant bus; None: there is none."""
         if self.redundant is None:
             return None
         changes = {"channel": self.redundant.channel, "port": self.redundant.port}
         return self.model_copy(update=changes)
 
 
-WITHOUT_TORQUE = {  # stands where a joint has no torque sensor: nothing is measured with it
+WITHOUT_TORQUE = {  # values for a joint without torque sensor: the noise makes torque useless
     "torque_limit_nm": 1e4,
     "torque_noise_nm": 1e4,
     "torque_offset_sigma_nm": 0.0,
@@ -96,11 +96,11 @@ WITHOUT_TORQUE = {  # stands where a joint has no torque sensor: nothing is meas
 }
 
 
-WITHOUT_POSITION = {"position_noise_rad": 1e-5}  # stands where an encoder gives speed only
+WITHOUT_POSITION = {"position_noise_rad": 1e-5}  # value for an encoder that measures speed only
 
 
 def _keys_of_a_joint(schema: dict[str, Any]) -> None:
-    """State in a JSON schema what a joint requires, by its kind and its sensors."""
+    """Add to a JSON schema the keys that a joint of each kind, with each sensor, requires."""
     required: list[str] = schema["required"]
     optional = (*WITHOUT_TORQUE, *WITHOUT_POSITION)
 
@@ -137,33 +137,33 @@ class JointConfig(Section):
     bus: str
     node_id: int = Field(ge=1, le=127)
     format: Literal["classic", "fd"] = "classic"
-    kind: Literal["revolute", "prismatic"] = "revolute"  # prismatic: see `linear`
+    kind: Literal["revolute", "prismatic"] = "revolute"  # names of prismatic keys: see `linear`
     sign: Literal[-1, 1] = 1
     zero_offset_rad: Turn = 0.0
-    torque: Literal["link_side", "none"] = "link_side"  # none: the node measures angles alone
-    torque_gain: Gain = 1.0  # negative: the torque alone counts the other way
+    torque: Literal["link_side", "none"] = "link_side"  # none: there is no torque sensor
+    torque_gain: Gain = 1.0  # negative: the torque has the opposite sign, the angle does not
     torque_offset_nm: Finite = 0.0
     torque_limit_nm: Positive  # larger readings are rejected as out of range
     speed_limit_rad_s: Positive  # faster jumps between samples are rejected as out of range
     torque_noise_nm: TorqueNoise  # 1 sigma of one sample, white
     torque_offset_sigma_nm: TorqueSigma  # prior of the unknown offset; 0: none estimated
     torque_scale_sigma_ratio: ScaleSigma = 0.02  # prior of the scale error; 0: none estimated
-    friction_coulomb_sigma_nm: TorqueSigma = 0.0  # of what remains behind the sensor; 0: none
+    friction_coulomb_sigma_nm: TorqueSigma = 0.0  # prior of friction in the reading; 0: none
     friction_viscous_sigma_nms_rad: TorqueSigma = 0.0
-    friction_speed_rad_s: SlowRate = 0.01  # Coulomb friction is c tanh(rate / this)
-    torque_model_sigma_nm: TorqueSigma = 0.0  # of what the model leaves out of the torque; 0: none
-    torque_model_correlation_s: CorrelationTime = 0.1  # in which that fades by e
+    friction_speed_rad_s: SlowRate = 0.01  # Coulomb friction is c tanh(rate / friction_speed)
+    torque_model_sigma_nm: TorqueSigma = 0.0  # 1 sigma of the model's error in the torque; 0: none
+    torque_model_correlation_s: CorrelationTime = 0.1  # time in which that error decays by e
     encoder: Literal["position", "speed"] = "position"  # speed: the node measures no angle
-    position_noise_rad: AngleNoise  # 1 sigma of one sample, quantisation included
-    speed_noise_rad_s: SpeedNoise | None = None  # the same of a speed; needed by encoder: speed
-    start_rad: Turn | None = None  # of encoder: speed, the angle before the first sample
-    zero_sigma_rad: AngleSigma = 2e-3  # of zero_offset_rad, or of start_rad; 0: it is exact
-    link_sigma_ratio: ScaleSigma | None = None  # of the link it moves; None: as robot has it
+    position_noise_rad: AngleNoise  # 1 sigma of one sample, including quantisation
+    speed_noise_rad_s: SpeedNoise | None = None  # 1 sigma of one sample; for encoder: speed
+    start_rad: Turn | None = None  # for encoder: speed, angle before the first sample; None: 0
+    zero_sigma_rad: AngleSigma = 2e-3  # 1 sigma of zero_offset_rad or start_rad; 0: exact
+    link_sigma_ratio: ScaleSigma | None = None  # of the moved link; None: robot.links_sigma_ratio
 
     @model_validator(mode="before")
     @classmethod
     def _without_torque(cls, data: object) -> object:
-        """Replace the values of a torque sensor by those that mean none."""
+        """Replace the keys of a torque sensor by WITHOUT_TORQUE if the joint has no sensor."""
         if isinstance(data, dict) and data.get("torque") == "none":
             return data | WITHOUT_TORQUE
         return data
@@ -171,7 +171,7 @@ class JointConfig(Section):
     @model_validator(mode="before")
     @classmethod
     def _without_position(cls, data: object) -> object:
-        """Replace the values of an encoder by those that mean no angle."""
+        """Add WITHOUT_POSITION and start_rad for an encoder that measures speed only."""
         if not isinstance(data, dict) or data.get("encoder") != "speed":
             return data
         name = linear if data.get("kind") == "prismatic" else str
@@ -186,7 +186,7 @@ class JointConfig(Section):
 
     @model_validator(mode="after")
     def _speed_keys(self) -> Self:
-        """Refuse keys of a speed encoder beside another one."""
+        """Refuse keys of a speed encoder if the encoder measures the position."""
         for name, value in self.named(
             {key: getattr(self, key) for key in ("speed_noise_rad_s", "start_rad")}
         ).items():
@@ -196,13 +196,13 @@ class JointConfig(Section):
 
     @property
     def speed_only(self) -> bool:
-        """Whether the encoder gives speed and no position."""
+        """Whether the encoder measures speed and no position."""
         return self.encoder == "speed"
 
     @model_validator(mode="wrap")
     @classmethod
     def _in_metres(cls, data: object, handler: ModelWrapValidatorHandler[Self]) -> Self:
-        """Read the keys of a prismatic joint, which are named for metres and newtons."""
+        """Translate the keys of a prismatic joint, which end in units of m and N (see `linear`)."""
         if not (isinstance(data, dict) and data.get("kind") == "prismatic"):
             return handler(data)
         names = {linear(name): name for name in cls.model_fields}
@@ -216,23 +216,23 @@ class JointConfig(Section):
             raise ValidationError.from_exception_data(error.title, faults) from error
 
     def named(self, values: Mapping[str, Any]) -> dict[str, Any]:
-        """Return values by the names that their keys have of this joint."""
+        """Return values with the keys that they have in the YAML section of this joint."""
         return {key if self.kind == "revolute" else linear(key): values[key] for key in values}
 
     @model_serializer(mode="wrap")
     def _as_read(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Return the keys as they are read."""
+        """Return the section with the keys that it has in YAML."""
         values: dict[str, Any] = handler(self)
         return self.named(values)
 
 
 def minute_walk(joint: JointConfig, rate_hz: float) -> float:
-    """Return 1 sigma by which the angle of a speed sampled at a rate walks in a minute [rad, m]."""
+    """Return 1 sigma of the drift in a minute [rad or m] of an angle integrated from speed."""
     return (joint.speed_noise_rad_s or 0.0) * sqrt(60.0 / rate_hz)
 
 
 def linear(key: str) -> str:
-    """Return the name of a revolute joint's key for a prismatic joint: m for rad, N for N m."""
+    """Return a revolute joint's key as a prismatic joint has it: m for rad, N for N m."""
     for unit, other in (("_nms_rad", "_ns_m"), ("_rad_s", "_m_s"), ("_rad", "_m"), ("_nm", "_n")):
         if key.endswith(unit):
             key = key.removesuffix(unit) + other
@@ -241,7 +241,7 @@ def linear(key: str) -> str:
 
 
 def _in_its_words(fault: ErrorDetails) -> InitErrorDetails:
-    """Return a fault of a prismatic joint with the key's own name."""
+    """Return a fault with the key's name for a prismatic joint."""
     place = tuple(linear(part) if isinstance(part, str) else part for part in fault["loc"])
     kind, message = fault["type"], fault["msg"].replace("{", "{{").replace("}", "}}")
     return InitErrorDetails(
@@ -250,24 +250,24 @@ def _in_its_words(fault: ErrorDetails) -> InitErrorDetails:
 
 
 def _one_orientation(schema: dict[str, Any]) -> None:
-    """State in a JSON schema that the quaternion or the angles are required."""
+    """Add to a JSON schema that exactly one of quaternion and angles is required."""
     schema["required"] = ["p_BS_m"]
     schema["oneOf"] = [{"required": [key]} for key in ("q_BS_xyzw", "rpy_BS_rad")]
 
 
 class Mounting(Section):
-    """Pose of a sensor on the base: origin in B, and the rotation taking S components to B."""
+    """Pose of a sensor on the base: origin in B, and rotation from S components to B."""
 
     model_config = ConfigDict(json_schema_extra=_one_orientation)
 
     p_BS_m: Position
     q_BS_xyzw: Quaternion
-    rpy_BS_rad: tuple[Finite, Finite, Finite] | None = None  # read into q_BS_xyzw, then None
+    rpy_BS_rad: tuple[Finite, Finite, Finite] | None = None  # converted to q_BS_xyzw
 
     @model_validator(mode="before")
     @classmethod
     def _from_angles(cls, data: object) -> object:
-        """Put the quaternion in the place of roll, pitch and yaw about fixed axes, as in a URDF."""
+        """Replace roll, pitch and yaw (fixed axes, as in a URDF) by the quaternion."""
         if not isinstance(data, dict) or data.get("rpy_BS_rad") is None:
             return data
         angles = data["rpy_BS_rad"]
@@ -297,20 +297,20 @@ class Mounting(Section):
 
 
 def _quaternion(angles: Sequence[float]) -> list[float]:
-    """Return the quaternion, scalar last, of Rz(yaw) Ry(pitch) Rx(roll)."""
-    from scipy.spatial.transform import Rotation  # 0.2 s that only these configurations wait for
+    """Return the quaternion (scalar last) of Rz(yaw) Ry(pitch) Rx(roll)."""
+    from scipy.spatial.transform import Rotation  # takes 0.2 s, which few configurations need
 
     quaternion: list[float] = Rotation.from_euler("xyz", angles).as_quat().tolist()
     return quaternion
 
 
 class ImuConfig(Section):
-    """The inertial unit. Noise is white: angle and velocity random walk (sigma = N sqrt(rate))."""
+    """The inertial unit. For white noise of random walk N, 1 sigma of a sample is N sqrt(rate)."""
 
     driver: Literal["stim300", "mip", "samples", "none"] = (
-        "stim300"  # none: no section; see SAMPLES
+        "stim300"  # none: there is no unit; samples: see SAMPLES
     )
-    port: str | None = None  # not needed for a replay
+    port: str | None = None  # a replay does not need it
     baud_rate: int = Field(default=921600, gt=0)
     rate_hz: Rate
     crlf: bool = False  # datagrams are followed by CR LF
@@ -322,13 +322,13 @@ class ImuConfig(Section):
     velocity_random_walk_m_s_sqrt_s: RandomWalk
     gyro_bias_sigma_rad_s: RateSigma  # prior of the unknown bias; 0: none estimated
     acc_bias_sigma_m_s2: AccelerationSigma
-    gyro_bias_S_rad_s: Vector3 = (0.0, 0.0, 0.0)  # taken off every sample, in the unit's axes
+    gyro_bias_S_rad_s: Vector3 = (0.0, 0.0, 0.0)  # subtracted from every sample, in S
     acc_bias_S_m_s2: Vector3 = (0.0, 0.0, 0.0)
     gyro_matrix: Matrix3 = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-    gyro_scale_sigma_ratio: ScaleSigma = 0.0  # of each axis; 0: exact
-    gyro_axes_sigma_rad: AngleSigma = 0.0  # by which two axes lean to one another; 0: exact
-    mounting_position_sigma_m: Length = 0.01  # of the mounting's p_BS_m; 0: it is exact
-    mounting_angle_sigma_rad: AngleSigma = 5e-3  # of its q_BS_xyzw, about each axis; 0: exact
+    gyro_scale_sigma_ratio: ScaleSigma = 0.0  # 1 sigma of the scale of each axis; 0: exact
+    gyro_axes_sigma_rad: AngleSigma = 0.0  # 1 sigma of the lean of axes to each other; 0: exact
+    mounting_position_sigma_m: Length = 0.01  # 1 sigma of mounting.p_BS_m; 0: exact
+    mounting_angle_sigma_rad: AngleSigma = 5e-3  # 1 sigma of the mounting about an axis; 0: exact
     max_rate_rad_s: Positive = 6.98  # larger readings are rejected as out of range (400 deg/s)
     clock_tolerance_ppm: Positive = 200.0
 
@@ -346,12 +346,12 @@ class ImuConfig(Section):
 
     @property
     def present(self) -> bool:
-        """Whether there is an inertial unit."""
+        """Whether the robot has an inertial unit."""
         return self.driver != "none"
 
 
 def no_imu() -> ImuConfig:
-    """Return the section of no inertial unit: nothing is read, nothing is in doubt."""
+    """Return the section for a robot without inertial unit, without states of the unit."""
     return ImuConfig(
         driver="none",
         rate_hz=500.0,
@@ -368,14 +368,14 @@ def no_imu() -> ImuConfig:
 
 
 class StarTrackerConfig(Section):
-    """The star tracker. `rotation` says which way its quaternion turns (a fact to confirm)."""
+    """The star tracker. `rotation` states the sense of its quaternion; confirm it by a test."""
 
     driver: Literal["sagitta"] = "sagitta"
     port: str | None = None
     baud_rate: int = Field(default=115200, gt=0)
     rate_hz: Rate
     mounting: Mounting
-    time: Literal["unit", "arrival"] = "arrival"  # its own time stamp, or arrival less latency
+    time: Literal["unit", "arrival"] = "arrival"  # stamp of the unit, or arrival less latency
     latency_s: Delay  # from mid-exposure to the unit's time stamp, or to the last byte
     rotation: Literal["inertial_to_tracker", "tracker_to_inertial"] = "inertial_to_tracker"
     noise_across_rad: AngleNoise

@@ -1,4 +1,4 @@
-"""Faults of a schema in the words of a configuration: lists, sections, numbers and their bounds."""
+"""Translate faults that pydantic reports into words for the user of a configuration."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -7,7 +7,7 @@ from pydantic_core import ErrorDetails
 
 from fsw.messages.errors import brief
 
-WORDS = {  # by pydantic's kind of fault, whose context fills the bounds in
+WORDS = {  # by pydantic's type of fault, whose context supplies the bounds
     "greater_than": "must be above {gt:.12g}",
     "greater_than_equal": "must be at least {ge:.12g}",
     "less_than": "must be below {lt:.12g}",
@@ -24,21 +24,21 @@ WORDS = {  # by pydantic's kind of fault, whose context fills the bounds in
     **dict.fromkeys(("model_type", "dict_type"), "must be a section of keys and values"),
     **dict.fromkeys(("string_type", "path_type"), "must be text"),
 }
-COUNTED = ("too_long", "too_short")  # say what was found
+COUNTED = ("too_long", "too_short")  # their words state the number found
 YAML = {None: "null", True: "true", False: "false"}
 
 
 def bound_words(fault: ErrorDetails) -> str:
-    """Return what is allowed in the place of what was found."""
+    """Return words on the allowed values of a faulty key."""
     context: Mapping[str, Any] = fault.get("ctx", {})
     text = fault["msg"].removeprefix("Value error, ")
     try:
         return WORDS.get(fault["type"], "{text}").format(text=text, **context)
-    except (KeyError, ValueError):  # a bound of another form than that of pydantic's own types
+    except (KeyError, ValueError):  # a bound of another type than pydantic's own
         return text
 
 
 def found_words(value: object) -> str:
-    """Return a value as a configuration has it, cut to a line's worth."""
+    """Return a value as YAML writes it, cut to one line."""
     is_word = value is None or isinstance(value, bool)
     return YAML[value] if is_word else brief(value)  # type: ignore[index]

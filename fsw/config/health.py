@@ -1,4 +1,4 @@
-"""When the daemon calls a sensor faulty, and when healthy again."""
+"""Section of health: limits for faults of sensors and of the loop."""
 
 from pydantic import Field
 
@@ -6,14 +6,14 @@ from fsw.config.base import Positive, Section
 
 
 class HealthConfig(Section):
-    """Fault detection. Periods are those of the sensor in question."""
+    """Fault detection; periods are sample periods of the sensor concerned."""
 
     silent_periods: float = Field(default=3.0, ge=2.0, le=10_000.0)
-    late_periods: int = Field(default=2, ge=2, le=100)  # SYNCs a joint sample may come behind its
-    stuck: bool = True  # equal readings in a row are a fault; false: of a noise-free simulation
-    recover_s: Positive = 0.5  # a fault not seen for so long is over
-    jitter_s: Positive = 0.003  # arrivals of the inertial unit scattered by more
-    tracker_late_s: Positive = 0.05  # solutions later than the unit's clock allows by more
-    false_alarm_probability: float = Field(default=1e-9, gt=0, le=1e-3)  # of one plausibility test
-    stall_s: Positive = 0.005  # a loop that gets no processor for so long has been stalled
-    slip_ratio: float = Field(default=0.2, gt=0, le=1)  # ticks missed over half a second
+    late_periods: int = Field(default=2, ge=2, le=100)  # a joint sample this many SYNCs old is late
+    stuck: bool = True  # equal readings in a row are a fault; false: for noise-free simulations
+    recover_s: Positive = 0.5  # a fault that does not recur for this time is over
+    jitter_s: Positive = 0.003  # largest lateness of the inertial unit's arrivals by its clock
+    tracker_late_s: Positive = 0.05  # largest lateness of a solution by the unit's clock
+    false_alarm_probability: float = Field(default=1e-9, gt=0, le=1e-3)  # of one consistency test
+    stall_s: Positive = 0.005  # the loop is stalled if it gets no processor for this time
+    slip_ratio: float = Field(default=0.2, gt=0, le=1)  # share of ticks missed in half a second

@@ -1,4 +1,4 @@
-"""Modes: parts of the base that move on springs, as a hinged panel or liquid in a tank."""
+"""Section of modes: parts of the base on springs, such as a hinged panel or liquid in a tank."""
 
 from collections.abc import Sequence
 from typing import Annotated, Literal, Self
@@ -18,22 +18,22 @@ CROSSWISE = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 class ModeConfig(Section):
-    """One part of the base on springs and dampers; at rest it belongs to the base's own data."""
+    """One part of the base on springs and dampers; the data of the base include it at rest."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}$")]
     kind: Literal["panel", "slosh"]
-    p_B_m: Position  # of a panel: a point of its hinge; of liquid: where it is at rest
+    p_B_m: Position  # panel: a point of the hinge; liquid: the place at rest
     axes_B: Annotated[tuple[Vector3, ...], Field(min_length=1, max_length=3)] = CROSSWISE
-    mass_kg: Mass  # of what moves
-    com_m: Position = (0.0, 0.0, 0.0)  # of a panel, from p_B_m
-    inertia_kg_m2: InertiaVector | None = None  # of a panel, about its centre of mass
-    frequency_hz: Frequency  # with the base held
+    mass_kg: Mass  # of the moving part
+    com_m: Position = (0.0, 0.0, 0.0)  # panel only: centre of mass, from p_B_m
+    inertia_kg_m2: InertiaVector | None = None  # panel only: about its centre of mass
+    frequency_hz: Frequency  # with the base held fixed
     damping_ratio: DampingRatio
     mass_sigma_ratio: ScaleSigma = 0.1
     frequency_sigma_ratio: LogSigma = 0.1
     damping_sigma_ratio: LogSigma = 0.5
-    amplitude_m: Amplitude | None = None  # of liquid: how far it may be from rest, 1 sigma
-    amplitude_rad: Amplitude | None = None  # of a panel
+    amplitude_m: Amplitude | None = None  # liquid only: 1 sigma of the distance from rest
+    amplitude_rad: Amplitude | None = None  # panel only: 1 sigma of the angle from rest
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -81,14 +81,14 @@ class ModeConfig(Section):
 
     @property
     def amplitude(self) -> float:
-        """Return how far it may be from rest, 1 sigma [m or rad]."""
+        """Return 1 sigma of the distance [m] or angle [rad] from rest."""
         return self.amplitude_m or self.amplitude_rad or 0.0
 
 
 def modes_go_with(
     modes: Sequence[ModeConfig], estimator: EstimatorConfig, base_motion: str
 ) -> None:
-    """Refuse what knows no modes, where there are some."""
+    """Raise ValueError if there are modes and base, method or outside_wrench exclude them."""
     if not modes:
         return
     if base_motion != "free":

@@ -1,4 +1,4 @@
-"""Changes above the configuration: uplinked tables, on-board parameters, chosen unknowns."""
+"""Apply changes to a configuration: uplinked tables, on-board parameters, unknown bodies."""
 
 from collections.abc import Mapping
 from typing import Any, TypeVar
@@ -19,7 +19,7 @@ def overlay(config: Config, changes: Mapping[str, Any]) -> Config:
     Parameters
     ----------
     changes : `unknown`: bodies; `estimator`: keys of that section; `noise`: a noise table;
-        `urdf`: path of another robot description (`urdf_text` is the model builder's concern)
+        `urdf`: path of another URDF; other keys, such as `urdf_text`, are ignored
 
     Raises
     ------
@@ -52,7 +52,7 @@ def overlay(config: Config, changes: Mapping[str, Any]) -> Config:
 
 
 def noise_of(config: Config) -> NoiseTable:
-    """Return the noise and priors in use as a table."""
+    """Return noise and priors of a configuration as a noise table."""
     return NoiseTable(
         joints={joint.name: _only(JointNoise, joint) for joint in config.joints},
         imu=_only(ImuNoise, config.imu),
@@ -63,13 +63,13 @@ def noise_of(config: Config) -> NoiseTable:
 
 
 def _only(model: type[S], section: Section | None) -> S:
-    """Return the part of a section that a table may hold."""
+    """Return the keys of a section that the table `model` has; None: an empty table."""
     values = {} if section is None else {key: getattr(section, key) for key in model.model_fields}
     return model.model_validate(values)
 
 
 def noise_table(values: object) -> NoiseTable:
-    """Validate a noise table. Raises ConfigError."""
+    """Return plain values as a validated noise table. Raises ConfigError."""
     try:
         return NoiseTable.model_validate(values)
     except ValidationError as error:

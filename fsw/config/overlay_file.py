@@ -1,7 +1,7 @@
-"""Overlay files: a YAML file with some keys of the configuration, which replace those in it.
+"""Overlay files: YAML files with some keys, which replace those keys of a configuration.
 
-An overlay has the sections and keys of the configuration. A list of named sections (buses, joints,
-wheels, thrusters) holds those that it changes, by name; any other list replaces the one there.
+An overlay has the sections and keys of a configuration. A list of sections with `name` (buses,
+joints, wheels, thrusters) contains only the changed ones; any other list replaces the whole list.
 """
 
 from collections.abc import Sequence
@@ -18,11 +18,11 @@ ONE_OF_TWO = {"q_BS_xyzw": "rpy_BS_rad", "rpy_BS_rad": "q_BS_xyzw"}  # one repla
 
 
 def with_overlays(config: Config, overlays: Sequence[Path]) -> Config:
-    """Return the configuration with overlay files applied in order; its text holds their values.
+    """Return the configuration with overlay files applied in order; its `source` includes them.
 
     Raises
     ------
-    ConfigError with one line per fault: file, key, value, bound.
+    ConfigError with one line per fault, which names file, key, value and bound.
     """
     if not overlays:
         return config
@@ -49,7 +49,7 @@ def _read(path: Path) -> dict[Any, Any]:
 
 
 def _laid(below: object, above: object, file: str, key: str) -> object:
-    """Return the values with those of an overlay on top."""
+    """Return values `below` with those of an overlay `above` applied; `key`: their prefix."""
     if isinstance(below, dict) and isinstance(above, dict):
         kept = {name: value for name, value in below.items() if ONE_OF_TWO.get(name) not in above}
         return kept | {
@@ -66,7 +66,7 @@ def _laid(below: object, above: object, file: str, key: str) -> object:
 
 
 def _by_name(values: object) -> dict[str, object] | None:
-    """Return the sections of a list by their names; None where it is no such list."""
+    """Return the sections of a list by name; None: this is no list of named sections."""
     if not isinstance(values, list):
         return None
     named: dict[str, object] = {

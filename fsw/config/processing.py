@@ -1,4 +1,4 @@
-"""Sections of processing: loop, estimator, orbit."""
+"""Sections of data processing: loop, estimator, orbit."""
 
 from typing import Annotated, Literal, Self
 
@@ -24,20 +24,20 @@ WindowLength = Annotated[float, Field(gt=0, le=1e3, allow_inf_nan=False)]  # s
 
 
 class SchedulerConfig(Section):
-    """The loop's grid; processors and priorities of loop and estimation."""
+    """Timing of the loop; processors and priorities of loop and estimation."""
 
     tick_rate_hz: Rate
-    batch_s: float = Field(default=0.04, gt=0.0, le=0.05)  # inputs are judged in batches so long
-    work_budget_s: Duration | None = None  # processor time of a tick; null: the tick's period
+    batch_s: float = Field(default=0.04, gt=0.0, le=0.05)  # length of a batch of inputs
+    work_budget_s: Duration | None = None  # processor time for a tick; null: the tick's period
     realtime_priority: int = Field(default=50, ge=0, le=99)  # 0: no SCHED_FIFO
     cpu: int | None = Field(default=None, ge=0)
-    idle_latency_us: int | None = Field(default=None, ge=0, le=1_000_000)  # null: untouched
-    estimation_priority: int | None = Field(default=None, ge=0, le=98)  # null: half of the loop's
+    idle_latency_us: int | None = Field(default=None, ge=0, le=1_000_000)  # null: unchanged
+    estimation_priority: int | None = Field(default=None, ge=0, le=98)  # null: half the loop's
     estimation_cpu: int | None = Field(default=None, ge=0)
 
     @property
     def estimation_fifo(self) -> int:
-        """Priority of the estimation; 0: no SCHED_FIFO."""
+        """SCHED_FIFO priority of the estimation; 0: ordinary scheduling."""
         given = self.estimation_priority
         return self.realtime_priority // 2 if given is None else given
 
@@ -53,45 +53,45 @@ class SchedulerConfig(Section):
 
 
 class EstimatorConfig(Section):
-    """Method, windows and gates."""
+    """Method, windows, priors and gates of the estimator."""
 
     method: Literal["mrnea", "rda", "cm", "fused"] = "fused"
-    weighting: Literal["ols", "wls", "bc", "eiv"] = "eiv"  # of mrnea
+    weighting: Literal["ols", "wls", "bc", "eiv"] = "eiv"  # for mrnea
     window_s: WindowLength = 0.4
     nodes: int = Field(default=4, ge=2, le=8)
-    lag_s: Delay = 0.15  # a window closes this long after its end: the slowest sensor's delay
+    lag_s: Delay = 0.15  # a window closes this long after its end; covers the slowest sensor
     store_blocks: int = Field(default=256, ge=4, le=100_000)
-    settle_blocks: int = Field(default=25, ge=1)  # nothing is published as valid before this many
+    settle_blocks: int = Field(default=25, ge=1)  # windows before an estimate may be valid
     min_fill_ratio: float = Field(default=0.6, gt=0, le=1)  # of the expected samples in a window
-    wrench_force_sigma_n: ForceNoise = 1e-3  # unmodelled external force
+    wrench_force_sigma_n: ForceNoise = 1e-3  # 1 sigma of unmodelled external force and torque
     wrench_torque_sigma_nm: TorqueNoise = 1e-3
     momentum_sigma_nms: MomentumSigma = (
         0.0  # prior of a residual angular momentum; 0: none estimated
     )
     external_force_sigma_n: ForceSigma = 0.0  # prior of a constant external wrench at the base's
-    external_torque_sigma_nm: TorqueSigma = 0.0  # origin, inertial axes; 0: none estimated
-    target_force_sigma_n: ForceSigma = 0.0  # the same at the target's centre of mass: air
-    target_torque_sigma_nm: TorqueSigma = 0.0
-    outside_wrench: Literal["ignore", "watch"] = "ignore"  # found and its windows left out
+    external_torque_sigma_nm: TorqueSigma = 0.0  # origin, axes of N; 0: none estimated
+    target_force_sigma_n: ForceSigma = 0.0  # prior of a constant wrench at the target's centre of
+    target_torque_sigma_nm: TorqueSigma = 0.0  # mass, such as air; 0: none estimated
+    outside_wrench: Literal["ignore", "watch"] = "ignore"  # watch: leave out windows with one
     gate_probability: float = Field(default=1e-6, gt=0, lt=0.1)  # false-alarm rate of the NIS gate
     condition_limit: Positive = 1e8
-    forgetting_time_s: LongDuration | None = None  # data's information decays with it; null: never
+    forgetting_time_s: LongDuration | None = None  # time constant of information; null: none
 
     @property
     def is_regression(self) -> bool:
-        """Whether the method is the paper's, which takes arm and calibration as exact."""
+        """Whether the method is a regression of the paper, for which arm and sensors are exact."""
         return self.method == "mrnea" and self.weighting != "eiv"
 
 
 class OrbitConfig(Section):
-    """A circular orbit: turns on gravity-gradient force and torque. Needs a star tracker.
+    """A circular orbit, which adds the gravity gradient to the model. Needs a star tracker.
 
-    State of the system's centre of mass from the Earth's centre, in inertial axes, at the epoch.
+    The state is that of the system's centre of mass at the epoch, from the Earth's centre, in N.
     """
 
     position_m: Vector3
     velocity_m_s: Vector3
-    epoch_ns: int | None = None  # on the daemon's clock; null: the first SYNC
+    epoch_ns: int | None = None  # time of the daemon's clock; null: first SYNC
     gravity_parameter_m3_s2: Positive = EARTH_GRAVITY_PARAMETER_M3_S2
 
     @model_validator(mode="after")

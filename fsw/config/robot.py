@@ -1,4 +1,4 @@
-"""The robot: its known arm, and the bodies that are known or sought."""
+"""Sections of the robot: its known arm, its base, and known or unknown bodies."""
 
 from pathlib import Path
 from typing import Annotated, Literal, Self
@@ -20,22 +20,22 @@ from fsw.config.base import (
 )
 
 METHODS_HELD = {"planar": ("fused", "rda", "cm"), "clamped": ("fused", "rda")}
-LEVEL_M_S2 = 1e-3  # gravity along a table that is level
+LEVEL_M_S2 = 1e-3  # largest component of gravity along a level table
 
 
 class RobotConfig(Section):
-    """The known arm: a URDF whose root link is the base, and the frame that grasps."""
+    """The known arm: a URDF whose root link is the base, and the frame that grasps the target."""
 
     urdf: Path
     tool_frame: str
-    links_sigma_ratio: ScaleSigma = 0.05  # of the known bodies' inertial data; 0: they are exact
+    links_sigma_ratio: ScaleSigma = 0.05  # of inertial data of known bodies; 0: exact
 
 
 class BaseConfig(Section):
-    """How the base may move, and the gravity that acts on it: in space, or in a laboratory."""
+    """Motion that the base can make, and gravity in the axes of B (zero for a free base)."""
 
     motion: Literal["free", "planar", "clamped"] = "free"
-    normal_B: Vector3 = (0.0, 0.0, 1.0)  # of the table of a planar base, upwards
+    normal_B: Vector3 = (0.0, 0.0, 1.0)  # upward normal of a planar base's table
     gravity_B_m_s2: Gravity = (0.0, 0.0, 0.0)
 
     @model_validator(mode="after")
@@ -53,7 +53,7 @@ class BaseConfig(Section):
 
 
 class BodySigma(Section):
-    """1-sigma of a body's prior: mass, centre of mass, inertia (xx xy xz yy yz zz)."""
+    """1 sigma of a body's prior: mass, centre of mass, inertia (xx xy xz yy yz zz)."""
 
     mass_kg: MassSigma
     com_m: PositionSigma
@@ -61,18 +61,18 @@ class BodySigma(Section):
 
 
 class LiquidConfig(Section):
-    """Liquid that may move in a body on its own: what of the body's mass need not follow it."""
+    """Liquid in a body: the part of its mass that may not follow a fast motion."""
 
     mass_kg: Mass
-    place_m: Position
-    stroke_m: Length = 0.0  # how far from there it may go
+    place_m: Position  # in the frame of the body
+    stroke_m: Length = 0.0  # 1 sigma of the distance from place_m
 
 
 class BodyConfig(Section):
-    """Inertial data of a body in its own frame, inertia about its centre of mass.
+    """Inertial data of a body in its frame; the inertia is about the centre of mass.
 
-    That frame is the root link's for `base`, `robot.tool_frame` for `target`, and `frame` for a
-    body of any other name.
+    The frame is the root link for `base`, `robot.tool_frame` for `target`, and `frame` for any
+    other body.
     """
 
     frame: str | None = None  # link or frame of the URDF
@@ -82,7 +82,7 @@ class BodyConfig(Section):
     sigma: BodySigma | None = None
     liquid: Annotated[
         tuple[LiquidConfig, ...], Field(max_length=16)
-    ] = ()  # of an unknown body: widens what is published of it
+    ] = ()  # of an unknown body: increases its published sigmas
 
     @model_validator(mode="after")
     def _physical(self) -> Self:

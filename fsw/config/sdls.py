@@ -1,4 +1,4 @@
-"""Keys of the authenticated link."""
+"""Section of the authenticated link (SDLS) and its keys."""
 
 from pathlib import Path
 from typing import Annotated, Literal, Self
@@ -9,7 +9,7 @@ from fsw.config.base import Section
 
 
 class SdlsKeyConfig(Section):
-    """One key slot: a file of mode 0600, or a systemd credential; 32 bytes."""
+    """One key slot with a key of 32 bytes, in a file of mode 0600 or a systemd credential."""
 
     spi: int = Field(ge=1, le=65534)
     role: Literal["command", "look", "telemetry"] = "command"
@@ -24,7 +24,7 @@ class SdlsKeyConfig(Section):
 
 
 class SdlsConfig(Section):
-    """The authenticated link; two slots of each role, so that a new key can follow an old one."""
+    """The authenticated link; roles command and look may have two keys, to replace an old one."""
 
     spacecraft_id: int = Field(default=42, ge=0, le=1023)
     virtual_channel: int = Field(default=0, ge=0, le=63)

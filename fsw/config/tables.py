@@ -1,4 +1,4 @@
-"""Tables that can be uplinked: what they may hold. The same strictness as the configuration's."""
+"""Schemas of the tables that the ground can uplink, as strict as the configuration's."""
 
 from typing import Annotated, Literal, Self
 
@@ -26,7 +26,7 @@ MAX_MONITORS = 64
 
 
 class JointNoise(Section):
-    """Noise of one joint; what is left out stays."""
+    """Noise and priors of one joint; None: the value of the configuration stays."""
 
     torque_noise_nm: TorqueNoise | None = None
     torque_offset_sigma_nm: TorqueSigma | None = None
@@ -35,7 +35,7 @@ class JointNoise(Section):
 
 
 class ImuNoise(Section):
-    """Noise of the inertial unit."""
+    """Noise and priors of the inertial unit; None: the value of the configuration stays."""
 
     angle_random_walk_rad_sqrt_s: RandomWalk | None = None
     velocity_random_walk_m_s_sqrt_s: RandomWalk | None = None
@@ -44,14 +44,14 @@ class ImuNoise(Section):
 
 
 class TrackerNoise(Section):
-    """Noise of the star tracker."""
+    """Noise of the star tracker; None: the value of the configuration stays."""
 
     noise_across_rad: AngleNoise | None = None
     noise_about_rad: AngleNoise | None = None
 
 
 class ModelNoise(Section):
-    """Effects that the model leaves out."""
+    """Sigmas of external wrenches and momentum; None: the value of the configuration stays."""
 
     wrench_force_sigma_n: ForceNoise | None = None
     wrench_torque_sigma_nm: TorqueNoise | None = None
@@ -63,7 +63,7 @@ class ModelNoise(Section):
 
 
 class NoiseTable(Section):
-    """Noise and priors, above the configuration's."""
+    """Noise and priors that replace those of the configuration."""
 
     joints: dict[str, JointNoise] = Field(default_factory=dict)
     imu: ImuNoise = ImuNoise()
@@ -73,14 +73,14 @@ class NoiseTable(Section):
 
 
 class SetRate(Section):
-    """How one housekeeping set is reported."""
+    """Interval of one housekeeping set, and whether it is reported."""
 
     interval_s: float = Field(ge=0.01, le=3600.0, allow_inf_nan=False)
     enabled: bool = True
 
 
 class RatesTable(Section):
-    """Rates of the housekeeping sets; sets left out stay as they are."""
+    """Rates of housekeeping sets by number; sets that are not listed stay as they are."""
 
     sets: dict[int, SetRate]
 
@@ -93,7 +93,7 @@ class RatesTable(Section):
 
 
 class MonitorConfig(Section):
-    """One limit: a telemetered value, its bounds, and what happens, once, when it leaves them."""
+    """One limit monitor: a value of telemetry, its bounds, and the action when it leaves them."""
 
     id: int = Field(ge=1, le=65535)
     value: Annotated[str, Field(pattern=r"^[a-z]+\.[a-z0-9_]+$")]  # set.field

@@ -1,4 +1,4 @@
-"""The link to the ground."""
+"""Sections of the link to the ground."""
 
 from ipaddress import ip_address
 from typing import Annotated, Literal, Self
@@ -8,9 +8,9 @@ from pydantic import Field, model_validator
 from fsw.config.base import Interval, Positive, Rate, Section
 from fsw.config.sdls import SdlsConfig
 
-JOINT_SLOTS = 8  # what packets of fixed size have room for; `fsw check` reports joints left out
+JOINT_SLOTS = 8  # joints in a packet of fixed size; `fsw check` reports joints left out
 BUS_SLOTS = 4
-# in the state directory, not for the ground
+# folders of the state directory that file transfer may not use
 STATE_FOLDERS = (
     "boot",
     "event_actions",
@@ -24,14 +24,14 @@ STATE_FOLDERS = (
 
 
 class UdpConfig(Section):
-    """Address that telemetry is pushed to, one packet per datagram."""
+    """Address to which the daemon sends telemetry over UDP, one packet per datagram."""
 
     host: str = "127.0.0.1"
     port: int = Field(ge=1, le=65535)
 
 
 class PacketStoresConfig(Section):
-    """Sizes of the packet stores; a full one loses its oldest packets."""
+    """Sizes of the packet stores; a full store discards its oldest packets."""
 
     events_bytes: int = Field(default=4 << 20, ge=1 << 20, le=1 << 36)
     housekeeping_bytes: int = Field(default=64 << 20, ge=1 << 20, le=1 << 36)
@@ -39,24 +39,24 @@ class PacketStoresConfig(Section):
 
 
 class TelemetryConfig(Section):
-    """Telemetry and telecommands; without this section there is neither."""
+    """Telemetry and telecommands; without this section the daemon has neither."""
 
     host: str = "127.0.0.1"
-    port: int = Field(default=10025, ge=0, le=65535)  # 0: any free one, reported in the status file
-    look_port: int | None = Field(default=None, ge=0, le=65535)  # telemetry, and no telecommands
-    idle_timeout_s: Positive = Field(default=60.0, ge=1.0, le=86400.0)  # of one that reads nothing
+    port: int = Field(default=10025, ge=0, le=65535)  # 0: any free port; see the status file
+    look_port: int | None = Field(default=None, ge=0, le=65535)  # telemetry, but no telecommands
+    idle_timeout_s: Positive = Field(default=60.0, ge=1.0, le=86400.0)  # client that reads nothing
     max_clients: int = Field(default=4, ge=1, le=16)
-    queue_bytes: int = Field(default=1 << 20, ge=65536, le=100_000_000)  # per client; then dropped
+    queue_bytes: int = Field(default=1 << 20, ge=65536, le=100_000_000)  # per client; rest dropped
     udp: UdpConfig | None = None
     tc_security: Literal["none", "sdls"] = "none"
     sdls: SdlsConfig | None = None
     start_mode: Literal["identify", "standby", "safe"] = "identify"
-    science_rate_hz: Rate = 100.0  # the fastest a science packet can come
-    housekeeping_interval_s: Interval = 1.0  # sets 1 2 4 5 8; 3 6 7 a fifth as often; 0: none
+    science_rate_hz: Rate = 100.0  # highest rate of science packets
+    housekeeping_interval_s: Interval = 1.0  # sets 1 2 4 5 8; 5 times this: 3 6 7; 0: none
     science_interval_s: Interval = 0.0  # 0: only when requested
     packet_stores: PacketStoresConfig = PacketStoresConfig()
-    file_directory: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,64}$")] = "files"  # one name,
-    # a folder in service.state_directory: what can go down and up
+    file_directory: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,64}$")] = "files"  # name of
+    # a folder in service.state_directory: files for transfer to and from the ground
 
     @model_validator(mode="after")
     def _own_folder(self) -> Self:

@@ -1,6 +1,6 @@
-"""Text from outside: YAML within bounds, without aliases or repeated keys, and faults in words.
+"""Read text from outside as YAML within bounds, and describe faults in words.
 
-A fault names the key, the value found and the bound or the choices, one line each.
+A fault is one line that names key, value found, and bound or choices.
 """
 
 import re
@@ -17,10 +17,10 @@ from fsw.config.fault_words import COUNTED, bound_words, found_words
 from fsw.messages.errors import ConfigError, brief, cut
 
 MAX_TEXT_BYTES = 1 << 16
-MAX_DEPTH = 16  # of values within values
+MAX_DEPTH = 16  # of nested values
 MAX_NODES = 10_000
-MAX_FAULTS = 20  # that are reported of one text
-# what PyYAML raises of texts that are no YAML, or whose values are not what their tags say
+MAX_FAULTS = 20  # most faults reported of one text
+# errors that PyYAML raises for text that is not YAML, or for values that do not fit their tags
 _READING = (yaml.YAMLError, ValueError, ArithmeticError, LookupError, AttributeError, TypeError)
 
 
@@ -29,20 +29,20 @@ class TextError(ConfigError):
 
 
 class _StrictLoader(yaml.SafeLoader):
-    """The safe loader, except that repeated keys and large texts are errors, and aliases may be."""
+    """The safe loader with errors for repeated keys, large texts and, if not allowed, aliases."""
 
     def __init__(self, source: bytes, *, aliases: bool) -> None:
         super().__init__(source)
         self._aliases, self._depth, self._nodes = aliases, 0, 0
-        self._sizes: dict[str | None, int] = {}  # values below each anchor
+        self._sizes: dict[str | None, int] = {}  # number of values below each anchor
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        """Compose one node unless it lies too deep, is one too many or an alias not allowed."""
+        """Compose one node; raise ComposerError for excess depth, number, or a forbidden alias."""
         event: yaml.NodeEvent = self.peek_event()  # type: ignore[no-untyped-call]
         before, problem = self._nodes, ""
         self._nodes += 1
         if isinstance(event, yaml.AliasEvent):
-            self._nodes += self._sizes.get(event.anchor, MAX_NODES)  # of one it stands in: no end
+            self._nodes += self._sizes.get(event.anchor, MAX_NODES)  # alias inside its anchor
             problem = "" if self._aliases else "aliases are not allowed"
         if self._nodes > MAX_NODES:
             problem = problem or f"more than {MAX_NODES} values, aliases written out"
@@ -62,7 +62,7 @@ class _StrictLoader(yaml.SafeLoader):
         seen: dict[Any, int] = {}
         for key, _ in node.value:
             if not isinstance(key, yaml.ScalarNode):
-                continue  # the safe loader says what is wrong with it
+                continue  # the safe loader reports the fault
             line = key.start_mark.line + 1
             if key.value in seen:
                 raise yaml.constructor.ConstructorError(
@@ -75,7 +75,7 @@ class _StrictLoader(yaml.SafeLoader):
 
 CONFIGURATION, RECORDING, URDF = "a configuration", "a recording", "XML, such as a URDF"
 LIMITS = "limits of a motion, for fsw excite --limits"
-KINDS = {  # of files that are given for one another, by a key at the left margin
+KINDS = {  # kinds of files that users confuse, by a key at the left margin
     "control_points_rad": "a motion, as fsw excite writes one",
     "joint_speed_rad_s": LIMITS,
     "sensors": "a world for hil run",
@@ -84,7 +84,7 @@ KINDS = {  # of files that are given for one another, by a key at the left margi
 
 
 def kind_of(source: bytes) -> str:
-    """Return the kind of a file by its first bytes, in words; empty if they do not show it."""
+    """Return words on the kind of a file from its content; empty: the kind is not known."""
     if source.startswith(b"\x89MCAP"):
         return RECORDING
     if source.startswith(b"<"):
@@ -95,11 +95,11 @@ def kind_of(source: bytes) -> str:
 
 
 def must_be(source: bytes, name: str, wanted: str) -> None:
-    """Refuse a file that is plainly of another kind than the wanted one, in one line.
+    """Refuse a file `source` that is plainly of another kind than `wanted`.
 
     Raises
     ------
-    ConfigError with the file's name, what it is and what it must be.
+    ConfigError with one line that names the file, its kind and the wanted kind.
     """
     if (kind := kind_of(source)) not in ("", wanted):
         raise ConfigError(f"{name}: is {kind}; must be {wanted}")
@@ -110,11 +110,11 @@ def read_yaml(source: bytes, *, aliases: bool = False) -> object:
 
     Parameters
     ----------
-    aliases : whether it may have aliases, as a configuration; each counts as what it stands for
+    aliases : whether aliases are allowed; each counts with the size of the value it stands for
 
     Raises
     ------
-    TextError when it is not YAML, has an alias or a repeated key, or exceeds a bound.
+    TextError when the text is not YAML, has a forbidden alias or repeated key, or is too large.
     """
     if kind_of(source) == RECORDING:
         raise TextError("is a recording and no configuration; fsw check CONFIG RECORDING")
@@ -131,10 +131,10 @@ def read_yaml(source: bytes, *, aliases: bool = False) -> object:
 
 
 def explain(model: type[BaseModel], error: ValidationError) -> list[str]:
-    """Return one line per fault: key, what is allowed, the value found."""
+    """Return one line per fault, which names key, allowed values and value found."""
     faults = error.errors()
     inner = {fault["loc"][:k] for fault in faults for k in range(len(fault["loc"]))}
-    # a list that is "too short" only because its items are faulty is no fault of its own
+    # a list can be "too short" only because its items are faulty: this is no further fault
     kept = [f for f in faults if f["type"] != "too_short" or f["loc"] not in inner]
     lines = [cut(_line(model, fault)) for fault in kept[:MAX_FAULTS]]
     more = len(kept) - len(lines)
@@ -175,7 +175,7 @@ def _section(model: type[BaseModel], path: tuple[int | str, ...]) -> list[str]:
 
 
 def model_in(annotation: object) -> type[BaseModel] | None:
-    """Return the section a field's type holds, bare, optional, listed or mapped; else None."""
+    """Return the model within a field's type (optional, list, tuple or mapping); None: no model."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
     if get_origin(annotation) in (Annotated, Union, UnionType, tuple, list, dict):

@@ -1,4 +1,4 @@
-"""Thrusters: valves on the base whose firings are known inputs."""
+"""Section of thrusters: valves on the base whose reported firings are known inputs."""
 
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Literal, Self
@@ -15,7 +15,7 @@ ValveSigma = Annotated[float, Field(ge=0, le=1.0, allow_inf_nan=False)]
 
 
 class ThrusterConfig(Section):
-    """One thruster: a valve of a node, and the force on the base while it is open."""
+    """One thruster: a valve of a CAN node, and the force on the base while the valve is open."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}$")]
     driver: Literal["canopen"] = "canopen"
@@ -23,11 +23,11 @@ class ThrusterConfig(Section):
     node_id: int = Field(ge=1, le=127)
     valve: int = Field(default=0, ge=0, le=15)  # bit of the node's valve word
     rate_hz: Rate  # of the node's reports
-    p_B_m: Position  # where the force acts
-    direction_B: Vector3  # of the force on the base, not of the jet
-    force_n: Thrust  # nominal, once it has risen
-    force_sigma_ratio: ScaleSigma = 0.03  # 1 sigma of that; half its variance is common to all
-    delay_s: ValveDelay = 0.005  # from the valve's change as reported to the force's
+    p_B_m: Position  # point where the force acts
+    direction_B: Vector3  # of the force on the base, opposite to the jet
+    force_n: Thrust  # nominal force after its rise
+    force_sigma_ratio: ScaleSigma = 0.03  # 1 sigma of force_n; half its variance is common to all
+    delay_s: ValveDelay = 0.005  # from the reported change of the valve to that of the force
     delay_sigma_s: ValveSigma = 0.0
     rise_s: ValveTime = 0.01  # time constant of rise and decay
     rise_sigma_s: ValveSigma = 0.0
@@ -53,7 +53,7 @@ def thrusters_go_with(
     attitude: bool,
     base_motion: str,
 ) -> None:
-    """Refuse thrusters whose bus is missing or too slow, or that something else cannot take."""
+    """Raise ValueError for thrusters with a missing or slow bus, or unsuitable method or base."""
     if not thrusters:
         return
     if method == "mrnea" and weighting == "bc":

@@ -1,4 +1,4 @@
-"""Reaction wheels: rotors on the base whose momentum the base feels."""
+"""Section of reaction wheels: rotors that exchange momentum with the base."""
 
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Literal, Self
@@ -26,25 +26,25 @@ UNIT_TOLERANCE = 1e-6
 
 
 class WheelConfig(Section):
-    """One wheel node: a rotor, symmetric about an axis that is fixed in the base."""
+    """One wheel: a rotor, symmetric about an axis that is fixed in the base."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}$")]
     driver: Literal["canopen"] = "canopen"
-    bus: str | None = None  # none: its samples come only by fsw import
-    node_id: Annotated[int, Field(ge=1, le=127)] | None = None  # on that bus
-    rate_hz: Rate  # of its reports
+    bus: str | None = None  # null: samples only from fsw import
+    node_id: Annotated[int, Field(ge=1, le=127)] | None = None  # on `bus`
+    rate_hz: Rate  # of the node's reports
     axis_B: Vector3  # positive speed turns about it by the right-hand rule
     inertia_kg_m2: RotorInertia  # of the rotor about its axis
-    inertia_sigma_ratio: ScaleSigma = 0.01  # of that; 0: it is exact
+    inertia_sigma_ratio: ScaleSigma = 0.01  # 1 sigma of inertia_kg_m2; 0: exact
     speed_limit_rad_s: RotorSpeed  # larger readings are rejected as out of range
     speed_noise_rad_s: RotorSpeedNoise  # 1 sigma of one sample, white
-    delay_s: Delay = 0.0  # by which its readings are late
-    delay_sigma_s: DelaySigma = 0.0  # of that; 0: it is exact
+    delay_s: Delay = 0.0  # delay of the readings
+    delay_sigma_s: DelaySigma = 0.0  # 1 sigma of delay_s; 0: exact
     torque: Literal["none", "measured"] = "none"  # measured: the node's motor torque is used too
     torque_limit_nm: RotorTorque  # of the motor; larger readings are rejected as out of range
     torque_walk_nm_sqrt_s: RotorTorque | None = None  # change in 1 s; null: the limit
-    torque_noise_nm: TorqueNoise | None = None  # 1 sigma of one sample; needed where measured
-    torque_offset_sigma_nm: TorqueSigma = 0.02  # of drag, which no motor torque contains
+    torque_noise_nm: TorqueNoise | None = None  # 1 sigma of a sample; for torque: measured
+    torque_offset_sigma_nm: TorqueSigma = 0.02  # 1 sigma of drag, not part of the motor torque
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -78,12 +78,12 @@ class WheelConfig(Section):
 
     @property
     def walk_nm_sqrt_s(self) -> float:
-        """Return by how much the torque on the rotor changes in 1 s, 1 sigma."""
+        """Return 1 sigma of the change in 1 s of the torque on the rotor [N m / sqrt(s)]."""
         return self.torque_walk_nm_sqrt_s or self.torque_limit_nm
 
 
 def wheels_go_with(wheels: Sequence[WheelConfig], rates_hz: Mapping[str, float]) -> None:
-    """Refuse a wheel whose bus is not among those given with their SYNC rates, or too slow."""
+    """Raise ValueError for a wheel whose bus is not in `rates_hz` (SYNC rates), or too slow."""
     for i, wheel in enumerate(wheels):
         if wheel.bus is None:
             continue

@@ -1,4 +1,4 @@
-"""The whole configuration of one daemon: its sections, what must hold between them, reading."""
+"""The whole configuration of one daemon: sections, conditions between sections, reading."""
 
 import zlib
 from collections.abc import Mapping, Sequence
@@ -22,8 +22,8 @@ from fsw.messages.errors import ConfigError
 
 NAMED_BY_PLACE = ("base", "target")
 FRAMES = "base is the root link, target in robot.tool_frame, any other body in a frame of its own"
-HEARTBEATS_MISSED = 1.5  # a node that leaves sooner would leave a sound bus
-SYNCS_UNANSWERED = 5  # fewer may be chance
+HEARTBEATS_MISSED = 1.5  # nodes that toggle after fewer heartbeats would leave a healthy bus
+SYNCS_UNANSWERED = 5  # fewer unanswered SYNCs may be chance
 
 
 class Config(Section):
@@ -56,45 +56,45 @@ class Config(Section):
     _name: str = PrivateAttr(default="configuration")
 
     def read_from(self, source: bytes, folder: Path, name: str) -> Self:
-        """Remember text, folder and file name this configuration came from."""
+        """Store the text, folder and name of the configuration's file; return `self`."""
         self._source, self._folder, self._name = source, folder, name
         return self
 
     @property
     def crc32(self) -> int:
-        """CRC-32 of the file the configuration was read from."""
+        """CRC-32 of `source`."""
         return zlib.crc32(self._source)
 
     @property
     def name(self) -> str:
-        """Name of this configuration in messages: its file."""
+        """Name of this configuration in messages: the path of its file."""
         return self._name
 
     @property
     def source(self) -> bytes:
-        """The text the configuration was read from."""
+        """The YAML text from which the configuration was read."""
         return self._source
 
     @property
     def can_nodes(self) -> tuple[JointConfig | WheelConfig | ThrusterConfig, ...]:
-        """Every node of every bus: joints, wheels, then one thruster of every node of valves."""
+        """All CAN nodes: joints, wheels on a bus, then one thruster for each node with valves."""
         nodes = {f"{thruster.bus}:{thruster.node_id}": thruster for thruster in self.thrusters}
         wheels = (wheel for wheel in self.wheels if wheel.bus is not None)
         return (*self.joints, *wheels, *nodes.values())
 
     def as_read(self) -> Self:
-        """Return the configuration its text gives: later changes are left out."""
+        """Return the configuration that `source` states, without later changes."""
         if not self._source:
             return self
         data = read_yaml(self._source, aliases=True)
         return type(self).model_validate(data).read_from(self._source, self._folder, self._name)
 
     def resolve(self, path: Path) -> Path:
-        """Return a path of the configuration, relative ones taken from its folder."""
+        """Return a path of the configuration; a relative path starts at the file's folder."""
         return path if path.is_absolute() else self._folder / path
 
     def missing_ports(self) -> list[str]:
-        """Return the keys of devices that a replay does not need and a live run does."""
+        """Return missing keys of devices, which a live run needs and a replay does not."""
         keys = {"imu.port": self.imu.port} if self.imu.present else {}
         if self.star_tracker is not None:
             keys["star_tracker.port"] = self.star_tracker.port
@@ -103,27 +103,27 @@ class Config(Section):
         return [key for key, value in keys.items() if value is None]
 
     def device(self, port: str | None) -> str:
-        """Return a serial port as it is opened: a URL as it stands, a path like any other.
+        """Return a serial port as it is opened: an unchanged URL, or a resolved path.
 
         Raises
         ------
-        ConfigError without a port.
+        ConfigError if `port` is None.
         """
         if port is None:
             raise ConfigError(f"{self.name}: a serial device without a port")
         return port if "://" in port else str(self.resolve(Path(port)))
 
     def with_unknown(self, unknown: tuple[str, ...]) -> Self:
-        """Return this configuration for other unknown bodies.
+        """Return this configuration with other unknown bodies.
 
         Raises
         ------
-        ConfigError if one of them has no prior.
+        ConfigError if a body has no prior.
         """
         return self.with_sections(unknown=unknown)
 
     def with_sections(self, **sections: object) -> Self:
-        """Return this configuration with other sections, checked as when it was read.
+        """Return this configuration with other sections, validated as a whole.
 
         Raises
         ------
@@ -209,7 +209,7 @@ class Config(Section):
 
 
 def _nodes_are_unique(config: Config) -> None:
-    """Refuse two devices of one node, and two thrusters of one valve; a node has many valves."""
+    """Raise ValueError if devices share a node, or thrusters a valve; a node has several valves."""
     nodes = [f"{node.bus}:0x{node.node_id:02x}" for node in config.can_nodes]
     joints, wheels = len(config.joints), sum(wheel.bus is not None for wheel in config.wheels)
     _unique(nodes[:joints], "joints.node_id")
@@ -220,7 +220,7 @@ def _nodes_are_unique(config: Config) -> None:
 
 
 def _something_turns(config: Config) -> None:
-    """Refuse a robot without joints that nothing known turns, or whose method cannot be had."""
+    """Raise ValueError for a robot without joints unless it has wheels, a free base and mrnea."""
     if config.joints:
         return
     if not config.wheels:
@@ -242,7 +242,7 @@ def _device(bus: BusConfig) -> str | None:
 
 
 def _bodies_have_their_keys(bodies: Mapping[str, BodyConfig], unknown: Sequence[str]) -> None:
-    """Refuse a body without a frame of its own, and an unknown one without a prior."""
+    """Raise ValueError for a body with a missing or needless frame, or an unknown without prior."""
     for name, body in bodies.items():
         if (body.frame is None) != (name in NAMED_BY_PLACE):
             must = "must be left out" if name in NAMED_BY_PLACE else "missing"
@@ -257,7 +257,7 @@ def _bodies_have_their_keys(bodies: Mapping[str, BodyConfig], unknown: Sequence[
 def _base_goes_with(
     base: BaseConfig, unknown: Sequence[str], estimator: EstimatorConfig, *, orbit: bool
 ) -> None:
-    """Refuse what makes no sense for a base that is held."""
+    """Raise ValueError for settings that do not suit a planar or clamped base."""
     if base.motion == "free":
         return
     if base.motion == "clamped" and "base" in unknown:
@@ -278,7 +278,7 @@ def _base_goes_with(
 
 
 def _method_has_its_torques(method: str, joints: Sequence[JointConfig]) -> None:
-    """Refuse a method that needs the torque of every joint where one has no sensor."""
+    """Raise ValueError if the method needs all torques and a joint has no torque sensor."""
     blind = [joint.name for joint in joints if joint.torque == "none"]
     if blind and method == "mrnea":
         raise ValueError(
@@ -288,7 +288,7 @@ def _method_has_its_torques(method: str, joints: Sequence[JointConfig]) -> None:
 
 
 def _speeds_are_enough(config: Config) -> None:
-    """Refuse what takes angles as exact, or sums over time, beside an encoder that gives speed."""
+    """Raise ValueError for settings that need measured angles if an encoder measures speed only."""
     name = next((joint.name for joint in config.joints if joint.speed_only), None)
     if name is None:
         return
@@ -316,7 +316,7 @@ def _speeds_are_enough(config: Config) -> None:
 
 
 def _redundancy_works(i: int, bus: BusConfig) -> None:
-    """Refuse a pair of buses on which master and nodes could not find each other."""
+    """Raise ValueError for a redundant pair on which master and nodes may use different buses."""
     pair = bus.redundant
     if pair is None:
         return
@@ -357,7 +357,7 @@ def load(path: Path) -> Config:
 
     Raises
     ------
-    ConfigError with one line per fault: key, value, bound.
+    ConfigError with one line per fault, which names key, value and bound.
     """
     try:
         source = path.read_bytes()
@@ -367,16 +367,16 @@ def load(path: Path) -> Config:
 
 
 def json_schema() -> dict[str, Any]:
-    """Return the JSON Schema of a configuration: keys, values, bounds; not what joins them."""
+    """Return the JSON Schema of a configuration; it lacks conditions between sections."""
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **Config.model_json_schema()}
 
 
 def parse(source: bytes, folder: Path, name: str) -> Config:
-    """Validate configuration text; relative paths are taken from `folder`.
+    """Return the configuration in YAML text `source`; relative paths start at `folder`.
 
     Raises
     ------
-    ConfigError with one line per fault: key, value, bound.
+    ConfigError with one line per fault, which names key, value and bound.
     """
     if (kind := kind_of(source)) not in ("", CONFIGURATION, RECORDING):
         raise ConfigError(f"{name}: is {kind}, no configuration; fsw init URDF writes one")
