@@ -1,11 +1,11 @@
 """Honest covariance where the posterior is no Gaussian: the likelihood's profile along weak axes.
 
-A body's scale that the data hardly fixes has a bent, lopsided likelihood, and the covariance at its
-top says little about where the truth is. Along every weak axis v of the covariance (normal n,
-n . v = 1) the cost is minimised at fixed n . (x - x0) = t. Where its rise D(t) differs from t^2 or
-the path bends off the axis, d d^T / D of the path's displacements d is added: the truth, which lies
-near the path, is then within sqrt(D) sigma. Source: profile likelihood, Bates, Watts, Nonlinear
-Regression Analysis (1988), sec. 6.1.
+A body's scale that the data hardly determine has a curved, lopsided likelihood, and the covariance
+at its maximum says little about where the truth is. Along every weak axis v of the covariance
+(normal n, n . v = 1) the cost is minimised at fixed n . (x - x0) = t. Where its rise D(t) differs
+from t^2, or where the path bends off the axis, d d^T / D of the path's displacements d is added to
+the covariance: the truth, which lies near the path, is then within sqrt(D) sigma. Source: profile
+likelihood, Bates, Watts, Nonlinear Regression Analysis (1988), sec. 6.1.
 """
 
 from collections.abc import Callable
@@ -15,14 +15,14 @@ import numpy as np
 
 from fsw.messages import FloatArray
 
-# normal, its value, first iterate -> least point there and its cost (prior included)
+# normal n, value of n . x, first iterate -> point of least cost there, its cost (prior included)
 Profile = Callable[[FloatArray, float, FloatArray], tuple[FloatArray, float]]
 
-WEAK = 0.05  # of the prior's sigma: an axis known better than this is taken as straight
+WEAK = 0.05  # of the prior's sigma: an axis that is known better needs no profile
 MAX_AXES = 2
 STEPS = (1.0, 3.0, 12.0)  # sigma of the linearisation
-ENOUGH = 9.0  # rise of the cost at which a side is ended
-OPEN = 4.0  # least rise that bounds a side
+ENOUGH = 9.0  # rise of the cost at which the path of a side ends
+OPEN = 4.0  # least rise of the cost that bounds a side
 BENT = 0.5  # allowed difference of D / t^2 from 1, and squared offset from the axis over t^2
 STIFF = 100.0  # weight of the constraint per sigma
 
@@ -32,7 +32,7 @@ OPEN_NOTE = "not bounded by the data along {}"
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Widening:
-    """Result of the profile. `note` is empty where the linearisation holds."""
+    """Result of the profile; `note` is empty if the linearisation holds on bounded sides."""
 
     covariance: FloatArray
     bounded: bool
@@ -40,7 +40,7 @@ class Widening:
 
     @property
     def nonlinear(self) -> bool:
-        """Return whether the linearisation fails somewhere."""
+        """Return whether there is a note."""
         return bool(self.note)
 
 
@@ -56,8 +56,8 @@ def widen(
 ) -> Widening:
     """Return the covariance (p, p) widened wherever the linearisation at x (p,) fails.
 
-    `cost` is the least squared whitened residual, prior included. The axes are those of the
-    `bodies` first states, nuisances marginal, in units of `prior_covariance`.
+    `cost` is the least squared whitened residual, prior included. The axes are those of the first
+    `bodies` states, marginal over the other states, in units of `prior_covariance`.
     """
     own = covariance[:bodies, :bodies]
     root = np.asarray(np.linalg.cholesky(prior_covariance[:bodies, :bodies]), dtype=np.float64)
@@ -111,7 +111,7 @@ def _side(
 ) -> tuple[list[tuple[float, FloatArray, float]], bool]:
     """Return step, displacement and rise along one side, and whether it is bounded.
 
-    A step that stays behind its aim has met the edge of the possible bodies.
+    A step that reaches less than half of its aim has met the edge of the possible bodies.
     """
     points: list[tuple[float, FloatArray, float]] = []
     start, before = x, 0.0

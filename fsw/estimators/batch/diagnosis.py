@@ -1,4 +1,4 @@
-"""How good a batch estimate is: covariance against the bound of all sensors, residuals, words."""
+"""Diagnosis of a batch estimate: covariance against the bound of all sensors, residuals, words."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -24,13 +24,13 @@ def diagnose_batch(
 ) -> dict[str, Any] | None:
     """Return the diagnosis of a batch estimate as plain values; None without a proper covariance.
 
-    `fused` are the rows of all sensors at the estimate, none where they cannot be had; `residuals`
-    are the method's whitened ones, block by block; a `status` other than OK stands in
-    the verdict.
+    `fused` are the rows of all sensors at the estimate, empty if they cannot be computed;
+    `residuals` are the method's whitened residuals, block by block; a `status` other than OK is
+    named in the verdict.
 
     The Cramer-Rao bound is that of all sensors: the Fisher information of the fused rows at the
-    estimate, for a noise variance `level` times the declared. So a method that does not use them
-    all has an efficiency below one.
+    estimate, for a noise variance `level` times the declared. So a method that does not use all
+    sensors has an efficiency below one.
     """
     if not fused:
         return None

@@ -1,10 +1,10 @@
-"""Arm and calibration from a reference: the same robot recorded without the body that is unknown.
+"""Arm and calibration from a reference: a recording of the same robot without the unknown body.
 
-The practice is to record one motion empty and loaded and to identify the difference, so that what
-repeats cancels: errors of the links, friction, scales and zeros. Here that is exact: these errors
-are states, so what the reference shows of them is the prior of the loaded run, with all of its
-covariance. The two motions need not be alike, and what a reference does not show stays in doubt.
-Biases, momentum and wrenches differ from run to run, so the loaded run gets no prior of them.
+It is common practice to record a motion empty and loaded and to identify the difference, so that
+errors of the links, friction, scales and zeros cancel. Here that is exact: these errors are states,
+and their estimate from the reference, with all of its covariance, is the prior of the loaded run.
+The two motions need not be alike. Errors that the reference does not show keep their prior. Biases,
+momentum and wrenches differ from run to run, so the reference gives no prior of these.
 """
 
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ REPEATED = (
 
 
 def without_bodies(problem: Problem) -> Problem:
-    """Return the problem of the robot without its unknown bodies, but for the base."""
+    """Return the problem of the robot without its unknown bodies, except the base."""
     U = problem.U.copy()
     for name in problem.unknown:
         if name != "base":
@@ -44,12 +44,12 @@ def repeated(problem: Problem) -> IndexArray:
 def with_reference(
     problem: Problem, method: str, blocks: Sequence[Block], gate_probability: float
 ) -> Problem:
-    """Return the problem whose prior knows what the reference shows of arm and calibration.
+    """Return the problem whose prior includes what the reference shows of arm and calibration.
 
     Raises
     ------
-    EstimatorError if the reference's blocks do not fit the robot without its unknown bodies, or
-    there is none.
+    EstimatorError if the reference's blocks do not fit the robot without its unknown bodies, or if
+    there is no block.
     """
     if not blocks:
         raise EstimatorError("the reference holds no usable block")

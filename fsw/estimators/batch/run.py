@@ -1,11 +1,11 @@
 """One batch identification of recorded blocks, from configuration to plain values.
 
-Invalid and repeated blocks are left out first; then blocks whose residuals
-noise does not explain, and the rest is solved again, the sigmas following the residuals where these
-are clearly above the declared noise. A prior that the data contradict is widened in its own group.
-Where that is a sensor, a known body or a mounting, where the residuals are larger still, or where
-what is left drifts, the result says MODEL_MISMATCH. The paper's regressions are compared with the
-errors in variables on the same blocks, and their sigma includes the distance.
+Invalid and repeated blocks are left out first. Blocks whose residuals noise does not explain are
+left out next, and the rest is solved again; sigmas follow the residuals where these are clearly
+above the declared noise. A group of the prior that the data contradict is widened. If it is a
+sensor, a known body or a mounting, if the residuals are larger still, or if they drift, the status
+is MODEL_MISMATCH. The paper's regressions are compared with the errors in variables on the same
+blocks, and their sigma includes the distance.
 """
 
 from collections.abc import Callable, Sequence
@@ -46,11 +46,11 @@ from fsw.messages.errors import NUMERICAL, ConfigError, EstimatorError, unforese
 
 # problem, mean (p,), covariance (p, p), fused rows of the blocks used at the mean
 Keep = Callable[[Problem, FloatArray, FloatArray, Sequence[Rows]], None]
-CURVED = ("cm", "ce")  # whose likelihood is bent along the bodies' common scale
+CURVED = ("cm", "ce")  # methods whose likelihood is curved along the bodies' common scale
 NEED_EVERY_TORQUE = ("mrnea", "ce")
-WARM = ("rda", "ce")  # nonlinear from a poor start: begin at the linear method's result
-WARM_BLOCKS = 32  # of RDA, at least, where there are so many: the start need only be near
-WIDENINGS = 6  # rounds: of bodies, whose values hold one another, then of the rest of the model
+WARM = ("rda", "ce")  # methods that need a good start: they begin at the linear method's result
+WARM_BLOCKS = 32  # least number, if there are so many, for RDA's start, which need only be near
+WIDENINGS = 6  # rounds: first of bodies, which constrain one another, then of the rest of the model
 SETTLED = ("OK", "INSUFFICIENT_EXCITATION")
 _DISTANCE = "sigma is that of the errors in variables and includes the distance from them"
 BIAS_NOTES = {
@@ -62,9 +62,9 @@ BIAS_NOTES = {
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Found:
-    """A solution and what is to be said of it."""
+    """A solution and the judgement of it."""
 
-    problem: Problem  # with the prior that it was found with
+    problem: Problem  # with the prior of this solution
     solution: BatchSolution
     status: str
     mean: FloatArray  # (p,)
@@ -85,16 +85,16 @@ def run_batch(
     keep: Keep | None = None,
     reference: Sequence[Block] = (),
 ) -> dict[str, Any]:
-    """Identify `unknown` from stored blocks; plain values for the worker, the shell and adoption.
+    """Identify `unknown` from stored blocks; return plain values for worker, shell and adoption.
 
-    `reference` are blocks of the same robot without what is unknown but the base; they show arm and
-    calibration. `keep` is given the problem, the whole state, what is not published included, and
-    the rows of all sensors at it; none where nothing can be predicted.
+    `reference` are blocks of the same robot without its unknown bodies, except the base; they show
+    arm and calibration. `keep` is called with the problem, mean and covariance of the whole state,
+    published or not, and the rows of all sensors at the mean; no rows if nothing can be predicted.
 
     Raises
     ------
-    EstimatorError if there is no usable block or no such method, or where arithmetic fails on what
-    the blocks hold; ConfigError if a body has no prior.
+    EstimatorError if there is no usable block or no such method, or if arithmetic fails on these
+    blocks; ConfigError if a body has no prior.
     """
     try:
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
@@ -207,7 +207,7 @@ def _run(
 
 
 def sound_blocks(blocks: Sequence[Block]) -> list[Block]:
-    """Return the plausible blocks in order, each once."""
+    """Return the plausible blocks in order of their index, each index once."""
     by_index: dict[int, Block] = {}
     for block in blocks:
         if plausible(block):
@@ -216,7 +216,7 @@ def sound_blocks(blocks: Sequence[Block]) -> list[Block]:
 
 
 def with_noise_found(problem: Problem, blocks: Sequence[Block]) -> tuple[list[Block], SensorNoise]:
-    """Return the blocks with the noise that is found in them, and that noise."""
+    """Return the blocks with the noise that is found in them added, and this noise."""
     noise = SensorNoise(
         problem.noise_declared,
         problem.noise_samples,
@@ -237,7 +237,7 @@ def _likelihood(
     gate_probability: float,
     progress: Progress | None,
 ) -> _Found:
-    """Maximise the likelihood of what fits, by a prior widened where the data contradict it."""
+    """Maximise the likelihood of blocks that fit; widen the prior where the data contradict it."""
     stated, contradicted = problem, False
     conflicts: list[Widened] = []
     linear = Linearisation(row_function(method, "eiv", problem), blocks)
@@ -271,7 +271,7 @@ def _likelihood(
         status = status if looked.bounded else "INSUFFICIENT_EXCITATION"
     notes = (note, in_words(conflicts), stated.suspicion(solution.mean).removeprefix("; "))
     wrong = settled.mismatch or doubted or implausible
-    # no sensor's noise is so large; taken for it, it leaves of the excitation too little
+    # no sensor has so much noise: errors of the model count as noise and hide the excitation
     drowned = settled.level > MISMATCH_LEVEL and status == "INSUFFICIENT_EXCITATION"
     return _Found(
         problem=problem,
@@ -290,9 +290,9 @@ def _likelihood(
 def _warm_start(
     problem: Problem, method: str, blocks: Sequence[Block], gate_probability: float
 ) -> FloatArray:
-    """Return the state at which the linear method ends; for RDA on some blocks of all the motion.
+    """Return the result of the linear method as a start; for RDA from some of the blocks.
 
-    CE, whose likelihood is bent, ends a little nearer to the same place from a better start.
+    For CE all blocks are used: its likelihood is curved, and a better start ends a little nearer.
     """
     some = blocks[:: max(1, len(blocks) // WARM_BLOCKS)] if method == "rda" else blocks
     near = minimise(problem, Target(Linearisation(row_function("mrnea", "eiv", problem), some)))
@@ -308,7 +308,7 @@ def _regression(
     gate_probability: float,
     progress: Progress | None,
 ) -> _Found:
-    """Solve the paper's regression and measure its bias by the errors in variables."""
+    """Solve the paper's regression; its bias is the distance from the errors in variables."""
     near = _likelihood(problem, "mrnea", blocks, gate_probability, progress)
     problem, used, x, solution = near.problem, near.used, near.mean, near.solution
     linear = Linearisation(row_function("mrnea", weighting, problem), used)

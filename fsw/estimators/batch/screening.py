@@ -1,8 +1,8 @@
 """Sensors that do not fit the model somewhere in a recording: they are left out there.
 
-In flight the recursion leaves such a channel out, block by block. A batch sees all blocks at once:
-where it fits, and no channel of any block is half as far from it as one that is left out, there was
-nothing to leave out, and the recursion, which takes longer than the batch, need not run.
+In flight the recursion leaves such a channel out, block by block. A batch has all blocks at once.
+If the batch fits, and every channel of every block is below half of the recursion's limit, nothing
+is to be left out. The recursion, which takes longer than the batch, then need not run.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,7 +21,7 @@ from fsw.estimators.recursive.online import build_online
 from fsw.messages import Block, FloatArray
 from fsw.messages.errors import NUMERICAL
 
-SUSPECT = 0.5  # of the normalised innovation squared at which the recursion leaves a channel out
+SUSPECT = 0.5  # of the recursion's limit on the normalised innovation squared of a channel
 
 
 def fits_throughout(
@@ -38,7 +38,7 @@ def fits_throughout(
     Parameters
     ----------
     result : of `run_batch`; one that left blocks out, or is not valid, does not fit
-    problem, x, covariance, fused : what it keeps: the whole state (p,), (p, p); rows there
+    problem, x, covariance, fused : as given to `keep`: whole state (p,), (p, p), and rows there
     """
     if result["status"] not in SETTLED or result["gated"] or not fused:
         return False
@@ -59,7 +59,7 @@ def fits_throughout(
 
 
 def screened(config: Config, blocks: Sequence[Block]) -> list[Block]:
-    """Return the blocks without the channels that the recursion of a flight leaves out."""
+    """Return the blocks without the channels that the recursion of a flight would leave out."""
     estimator = build_online(config)
     found = []
     for block in blocks:

@@ -1,4 +1,4 @@
-"""Solving a batch of blocks of which some do not fit, and noise that is not as declared."""
+"""Solution of a batch in which some blocks do not fit and noise differs from the declared."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from fsw.estimators.recursive.change import MISMATCH_LEVEL, InnovationMonitor, c
 from fsw.messages import Block, FloatArray
 
 GATE_ROUNDS = 6
-GATED_SHARE = 0.25  # of the blocks; more that do not fit are no outliers
+GATED_SHARE = 0.25  # of the blocks; if more do not fit, they are not outliers
 LEVEL_TOLERANCE = 0.05
 
 
@@ -38,7 +38,7 @@ def settle(
     progress: Progress | None,
     start: FloatArray | None,
 ) -> Settled:
-    """Solve, leave out blocks that do not fit, and solve again until these are the same."""
+    """Solve, leave out blocks that do not fit, and repeat until the same blocks are left out."""
     fits, level, mismatch = [True] * len(blocks), 1.0, False
     for more in reversed(range(GATE_ROUNDS)):
         used, target = list(compress(blocks, fits)), Target(linear, fits, level)
@@ -59,7 +59,7 @@ def settle(
             break
         if more == 0 or (fits == fitted and abs(level / before - 1.0) < LEVEL_TOLERANCE):
             break
-        if solution.status != "NOT_CONVERGED":  # what does not fit may be why it did not
+        if solution.status != "NOT_CONVERGED":  # blocks that do not fit may have prevented it
             start = solution.mean
     return Settled(
         solution=solution,
@@ -72,14 +72,14 @@ def settle(
 
 
 def _fitted(problem: Problem, solution: BatchSolution) -> float:
-    """Return how many parameters the data have fitted: all, less what the prior holds."""
+    """Return how many parameters the data have fitted: all, less the prior's share."""
     prior = problem.prior.at(solution.mean)
     held = prior.R @ solution.information.covariance_root()
     return float(len(prior.z) - np.sum(held**2))
 
 
 def _noise_level(residuals: Sequence[FloatArray], parameters: float) -> float:
-    """Return the variance of the noise over the declared one, as the online estimator judges it."""
+    """Return the variance of the noise over the declared one, by the online estimator's rule."""
     monitor, longest = InnovationMonitor(0.0), max(map(len, residuals))
     means = [float(b @ b) / len(b) for b in residuals if len(b) == longest]
     monitor.learn_level(np.array(means), longest, parameters)

@@ -1,7 +1,7 @@
 """Batch identification of stored blocks by any method: damped Gauss-Newton over consistent bodies.
 
-The unknown bodies move in log-Cholesky coordinates, so every iterate is physically possible and the
-base's inertia never becomes singular; the covariance is given in the linear parameters.
+The unknown bodies are iterated in log-Cholesky coordinates, so every iterate is physically possible
+and the base's inertia never becomes singular; the covariance is given in the linear parameters.
 """
 
 from collections.abc import Callable, Sequence
@@ -28,12 +28,12 @@ from fsw.messages import Block, FloatArray
 from fsw.messages.errors import EstimatorError
 
 MAX_ITERATIONS = 60
-MAX_PLAIN_STEPS = 40  # from 30-50 % wrong starts up to 18 were seen
+MAX_PLAIN_STEPS = 40  # up to 18 were needed from starts that were 30-50 % wrong
 PROFILE_ITERATIONS = 4  # of every point of a profile
 CONVERGED = 1e-3  # whitened rms step at which the iteration stops
-NEGLIGIBLE = 1e-6  # of a step that is not worth the rows where it leads
-DAMPING = 1e-3  # at first
-NOISE_PROBABILITY = 1e-3  # of so large a step to the nearest consistent body by noise alone
+NEGLIGIBLE = 1e-6  # whitened rms step after which the rows are not evaluated again
+DAMPING = 1e-3  # initial
+NOISE_PROBABILITY = 1e-3  # that noise alone moves a body so far out of the consistent ones
 WEAKEST_GAIN = (
     0.5  # prior variance over posterior variance, minus one, of the least known direction
 )
@@ -99,12 +99,12 @@ def minimise(
     max_iterations: int = MAX_ITERATIONS,
     plain: bool = True,
 ) -> BatchSolution:
-    """Minimise prior plus whitened residuals.
+    """Minimise the prior's cost plus the squared whitened residuals.
 
-    With `plain`, re-weighted Gauss-Newton first; then, from where it settles or else the start,
-    Levenberg-Marquardt over the consistent bodies. A light body, as a gripper that holds nothing,
-    is often best explained by values just outside the consistent ones: where noise alone may have
-    put them there, these are the solution, and the body's flag says so.
+    With `plain`, re-weighted Gauss-Newton comes first. Levenberg-Marquardt over the consistent
+    bodies follows, from where Gauss-Newton settles, or else from the start. The best values of a
+    light body, as of an empty gripper, often lie just outside the consistent ones: if noise alone
+    explains this, they are the solution, and the published body is marked as inconsistent.
 
     `start` is the first iterate (the prior's mean when None), moved to consistent bodies if needed.
     """
@@ -171,7 +171,7 @@ def minimise(
 def regress(problem: Problem, target: Target) -> BatchSolution:
     """Return the least squares of rows that are linear in the bodies, consistent or not.
 
-    Plain steps: one settles the bodies, the next ones the biases, which enter bilinearly.
+    Undamped steps: the first finds the bodies, the next ones the biases, which enter bilinearly.
     """
     prior = SquareRootInformation.from_prior(problem.prior_mean, problem.prior_covariance)
     x, iterations, status = problem.prior_mean, 0, "NOT_CONVERGED"
@@ -199,11 +199,11 @@ def regress(problem: Problem, target: Target) -> BatchSolution:
 def _gauss_newton(
     problem: Problem, target: RowsAt, prior: Prior, start: FloatArray
 ) -> tuple[FloatArray, bool]:
-    """Return where undamped steps in the linear parameters settle, or the start if they do not.
+    """Return where undamped steps in the linear parameters settle; else the start and False.
 
-    Far from the solution the weights of errors-in-variables rows grow with the parameters, and a
-    search by cost can prefer too heavy bodies; plain steps with re-weighting do not. Rows are taken
-    at the nearest consistent bodies.
+    Far from the solution the covariance of errors-in-variables rows grows with the parameters, and
+    a search by cost can prefer too heavy bodies; plain steps with re-weighting do not. Rows are
+    evaluated at the nearest consistent bodies.
     """
     x = start
     for _ in range(MAX_PLAIN_STEPS):
@@ -220,7 +220,7 @@ def _gauss_newton(
 def _plain_step(
     target: RowsAt, prior: Prior, x: FloatArray, at: FloatArray
 ) -> tuple[FloatArray, float, SquareRootInformation]:
-    """Return the minimum of the rows linearised at a state, its whitened rms distance from x."""
+    """Return the minimum by rows linearised at `at`, its whitened rms step from x, information."""
     A, b = target(at)
     information = prior.at(at).update(A, b + A @ at)
     mean = information.mean()
@@ -229,9 +229,9 @@ def _plain_step(
 
 
 def _light(problem: Problem, target: RowsAt, prior: Prior, x: FloatArray) -> BatchSolution | None:
-    """Return the solution where a body's best values are inconsistent by no more than noise makes.
+    """Return the solution where noise alone explains why a body's best values are inconsistent.
 
-    None: the bodies are consistent, or the base is not, or one is so far off that no noise did it.
+    None: the bodies are consistent, or the base is not, or noise does not explain one of them.
     """
     if all(is_consistent(x[problem.body(name)]) for name in problem.unknown):
         return None
@@ -268,9 +268,9 @@ def _light(problem: Problem, target: RowsAt, prior: Prior, x: FloatArray) -> Bat
 def linear_covariance(
     problem: Problem, method: str, weighting: str, solution: BatchSolution
 ) -> tuple[FloatArray, str]:
-    """Return the covariance without a look at the cost elsewhere, and what to say of it.
+    """Return the covariance by the linearisation at the solution, and a note on it (may be empty).
 
-    For torque and an unknown base it comes by way of the base's mobility (`is_bent`).
+    For torque and an unknown base it is mapped from the base's mobility (see `is_bent`).
     """
     covariance = solution.information.covariance()
     if weighting == "eiv" and is_bent(problem, method):
@@ -339,7 +339,7 @@ def _chain(problem: Problem, theta: FloatArray) -> FloatArray:
 
 
 def _bounded(problem: Problem, step: FloatArray) -> FloatArray:
-    """Limit the step so that no diagonal of a pseudo-inertia factor changes by more than e."""
+    """Limit the step so that diagonals of pseudo-inertia factors change by a factor e at most."""
     largest = max(np.abs(step[problem.body(name)][:4]).max() for name in problem.unknown)
     bounded: FloatArray = step / max(1.0, float(largest))
     return bounded

@@ -1,7 +1,7 @@
-"""Blocks of one kind side by side, so that a measurement model is evaluated over all their nodes.
+"""Stacks of blocks of one kind, so that a measurement model is evaluated over all their nodes.
 
-A stack has a block's names for what stands at the nodes, with the nodes of all its blocks one after
-the other; covariances have one more axis in front, over the blocks.
+A stack has the attributes of a block. Values at nodes have the nodes of all blocks one after the
+other; covariances have an additional first axis over the blocks.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from fsw.messages import Block, FloatArray
 
 
 def covariance_root(covariance: FloatArray) -> FloatArray:
-    """Return F (..., k, k) with F F^T = covariance (..., k, k), also for singular ones."""
+    """Return F (..., k, k) with F F^T = covariance (..., k, k), which may be singular."""
     values, vectors = np.linalg.eigh(covariance)
     root: FloatArray = vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]
     return root
 
 
 def kind_of(block: Block) -> tuple[object, ...]:
-    """Return what blocks of one stack have in common: shapes and usable channels."""
+    """Return a key that blocks of one stack have in common: shapes and usable channels."""
     usable = (block.has_gyro, block.has_accelerometer, block.has_attitude)
     shapes = (block.q_rad.shape, block.cov_joint.shape, block.cov_wheel.shape)
     return (shapes, block.has_joint.tobytes(), usable, block.edges.shape)
@@ -114,17 +114,17 @@ class BlockStack:
 
     @property
     def angles_are_noisy(self) -> bool:
-        """Whether the blocks give the covariance of the angles beside those of the rates."""
+        """Return whether the blocks give the covariance of angles beside that of rates."""
         return bool(self.blocks[0].cov_joint.shape[1] == 3 * self.m)
 
     @cached_property
     def walk_rad2(self) -> FloatArray:
-        """Variance (B, n) by which integrated angles have walked where the windows start."""
+        """Variance (B, n) of the walks of integrated angles at the start of the windows."""
         return _stacked([block.walk_rad2 for block in self.blocks])
 
     @property
     def walks_at_nodes(self) -> FloatArray:
-        """The same at every node (N, n)."""
+        """The variance `walk_rad2` at every node (N, n)."""
         return np.repeat(self.walk_rad2, self.m, axis=0)
 
     def shifted(self, by_rad: FloatArray) -> BlockStack:
@@ -134,14 +134,14 @@ class BlockStack:
         return other
 
     def doubted(self, by_rad2: FloatArray) -> BlockStack:
-        """Return the same blocks with more variance of noisy angles, (B, n), alike at all nodes."""
+        """Return the same blocks with variance (B, n) of noisy angles added, common to nodes."""
         other, of_angles = copy(self), slice(2 * self.m, 3 * self.m)
         other.cov_joint = self.cov_joint.copy()
         other.cov_joint[:, :, of_angles, of_angles] += by_rad2[:, :, None, None]
         return other
 
     def by_block(self, values: FloatArray) -> FloatArray:
-        """Return (B, m, ...) of what stands at the nodes (N, ...)."""
+        """Return values at the nodes (N, ...) as (B, m, ...)."""
         return values.reshape(len(self.blocks), self.m, *values.shape[1:])
 
 

@@ -1,17 +1,17 @@
 """MRNEA compensated for its bias: the linear regression less what noise adds to its normal matrix.
 
-Noisy accelerations stand in the regressor, which is affine in them: Y(a) = Y(0) + sum_k a_k Y_k
-with Y_k = Y(q, 0, e_k). So the expected normal matrix F = sum Y^T W Y is too large by
+The regressor contains noisy accelerations and is affine in them: Y(a) = Y(0) + sum_k a_k Y_k with
+Y_k = Y(q, 0, e_k). So the expected normal matrix F = sum Y^T W Y is too large by
 
     C = sum_kl (Sigma_a)_kl Y_k^T W Y_l
 
-and (F - C)_uu x = g_u - (F - C)_uk pi_k is free of the bias, C taken over all columns and all noisy
-accelerations of all nodes. Only the sums are kept. With D_f = dY/dz_f for unit-variance errors z_f,
-C = sum_f D_f^T W D_f, and D_f contracted with the known parameters is all that is needed of them.
+and (F - C)_uu x = g_u - (F - C)_uk pi_k is free of the bias. C covers all columns and all noisy
+accelerations of all nodes. Only the sums are kept. With D_f = dY/dz_f for unit-variance errors z_f
+this is C = sum_f D_f^T W D_f, and of the known parameters only their product with D_f is needed.
 Source: Fuller, Measurement Error Models (1987), sec. 3.1.
 
-What is left of the bias is as uncertain as the declared noise: its share is judged from the
-residuals' variance, and the published covariance contains it.
+The rest of the bias is as uncertain as the declared noise. Its share is judged from the variance of
+the residuals, and the published covariance includes it.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from fsw.messages.errors import EstimatorError
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CompensatedSums:
-    """Sums over blocks; index -1 stands for the known side, sums act on [x, -1]."""
+    """Sums over blocks, which act on [x, -1]; index -1 is the side of measured and known values."""
 
     F: FloatArray  # (p + 1, p + 1) of [X, y]^T W [X, y], y the measured less the known bodies' part
     C: FloatArray  # (p + 1, p + 1) what noise adds to F on average
@@ -59,7 +59,7 @@ def no_sums(p: int) -> CompensatedSums:
 def acceleration_root(block: Block, problem: Problem) -> FloatArray:
     """Return K (m, 6+n, f): errors of [a_b, wd, qdd] at the nodes per unit-variance error.
 
-    Accelerometer and gyro derivative per axis, a_b = f - wd x r; joint accelerations.
+    The errors are those of accelerometer and gyro derivative per axis (a_b = f - wd x r), of qdd.
     """
     m, n = block.q_rad.shape
     acc = covariance_root(block.cov_acc)
@@ -82,8 +82,8 @@ def acceleration_root(block: Block, problem: Problem) -> FloatArray:
 def block_sums(block: Block, x: FloatArray, problem: Problem) -> CompensatedSums:
     """Return the sums of one block.
 
-    Weights W are the inverse of a covariance of the rows at the prior's parameters; the columns of
-    the accelerometer's and the gyro's bias, bilinear with the bodies, are taken at the state x.
+    Weights W are the inverse of a covariance of the rows at the prior's parameters. The columns of
+    the accelerometer's and the gyro's bias, bilinear with the bodies, are evaluated at the state x.
 
     Raises
     ------
@@ -146,7 +146,7 @@ def block_sums(block: Block, x: FloatArray, problem: Problem) -> CompensatedSums
 def _wheels(
     block: Block, x: FloatArray, problem: Problem, w: FloatArray, output: FloatArray
 ) -> Wheels | None:
-    """Return the wheels, the noise of their moment added to the rows' covariance in place."""
+    """Return the wheels, or None; add the noise of their moment to the covariance `output`."""
     stack, (m, n) = BlockStack((block,)), block.q_rad.shape
     wheels = turning(stack, x, problem)
     if wheels is not None:
@@ -158,7 +158,7 @@ def _wheels(
 
 
 def _per_axis(covariance: FloatArray) -> FloatArray:
-    """Return the covariance (m, m) of one axis for each of three, as `through` takes it."""
+    """Return the covariance (m, m) of one axis three times, in the shape that `through` needs."""
     m = len(covariance)
     return np.repeat(covariance[None, None], 3, axis=1).reshape(1, 3, 1, m, 1, m)
 
@@ -172,8 +172,8 @@ def _nuisance_columns(
 ) -> None:
     """Fill the sensors' and the wrench's columns of X (m, 6+n, p+1).
 
-    `H_acc` (m, 6+n, 3) is the inertia against base accelerations, `at` state, rate and
-    acceleration. All are linear about no error; a residual momentum moves no row of MRNEA.
+    `H_acc` (m, 6+n, 3) is the inertia against base accelerations; `at` holds state, rate and
+    acceleration. All columns are linearised at zero error. No row of MRNEA depends on the momentum.
     """
     n = problem.model.n
     x, w, acceleration = at
@@ -196,9 +196,9 @@ def _nuisance_columns(
 
 
 def _weight_covariance(K: FloatArray, H: FloatArray) -> FloatArray:
-    """Return the rows' covariance if nodes were uncorrelated, H (m, a, r) by acceleration and row.
+    """Return the rows' covariance for uncorrelated nodes; H (m, a, r) by acceleration and row.
 
-    Weights must not trust combinations that are noise-free only at wrong parameters.
+    Otherwise the weights trust combinations of rows that are noise-free only at wrong parameters.
     """
     m, _, rows = H.shape
     S = np.zeros((m, rows, m, rows))
@@ -219,7 +219,7 @@ def _output_covariance(block: Block, problem: Problem) -> FloatArray:
 
 
 def _root(sums: CompensatedSums, prior_precision: FloatArray) -> FloatArray:
-    """Return the Cholesky factor of the compensated equations."""
+    """Return the Cholesky factor of the compensated normal matrix; else raise EstimatorError."""
     p = len(prior_precision)
     try:
         root = np.linalg.cholesky(sums.F[:p, :p] - sums.C[:p, :p] + prior_precision)
@@ -231,7 +231,7 @@ def _root(sums: CompensatedSums, prior_precision: FloatArray) -> FloatArray:
 def compensated_mean(
     sums: CompensatedSums, prior_mean: FloatArray, prior_precision: FloatArray
 ) -> FloatArray:
-    """Return the state (p,) alone.
+    """Return the state (p,) that solves the compensated equations.
 
     Raises
     ------
@@ -247,10 +247,10 @@ def compensated_mean(
 def compensated_solution(
     sums: CompensatedSums, prior_mean: FloatArray, prior_precision: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return state, covariance and the bias taken off (p,).
+    """Return state (p,), covariance (p, p) and the removed bias (p,).
 
-    Covariance: the sandwich M^-1 T M^-1 of the compensated equations, plus the bias
-    taken off times the relative uncertainty of the noise's variance.
+    Covariance: the sandwich M^-1 T M^-1 of the compensated equations, plus the square of the
+    removed bias times the relative uncertainty of the noise's variance.
 
     Raises
     ------

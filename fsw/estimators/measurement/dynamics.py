@@ -23,7 +23,7 @@ class Dynamics:
     H: FloatArray  # (m, 6+n, 6+n)
     H_bb_inverse: FloatArray  # (m, 6, 6)
     C: FloatArray  # (m, 6+n, 6+n)
-    Y: FloatArray  # (m, 6+n, k) at the predicted acceleration, unknown bodies' columns
+    Y: FloatArray  # (m, 6+n, k) at the predicted acceleration, columns of the inertial states
     Y_h: FloatArray | None  # (m, 6, k) momentum regressor, where the rate is predicted by it
     nu: FloatArray  # (m, 6) predicted base velocity
     a: FloatArray  # (m, 6) predicted base acceleration
@@ -42,7 +42,7 @@ def dynamics(
 ) -> Dynamics:
     """Evaluate the model at the nodes.
 
-    `given`: the angular momentum (N, 3) that base and arm have, the field, and the wheels.
+    `given`: angular momentum of base and arm (N, 3) in B, gravity gradient (N, 3, 3), wheels.
 
     Raises
     ------
@@ -108,9 +108,9 @@ def dynamics(
 
 
 def _yielding(H_bb: FloatArray, problem: Problem) -> FloatArray:
-    """Return (N, 6, 6): the base's acceleration by a force; the inverse of H_bb if it is free.
+    """Return (N, 6, 6): the base's acceleration by a force; H_bb^-1 if the base is free.
 
-    With the free motions S, S (S^T H_bb S)^-1 S^T: what holds the base bears the rest.
+    With the free motions S it is S (S^T H_bb S)^-1 S^T: the support bears the rest of the force.
 
     Raises
     ------

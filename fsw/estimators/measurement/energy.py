@@ -1,10 +1,10 @@
 """CE: conservation of energy as a work-energy balance of one block.
 
-The paper's printed cost has T_msr undefined and no motor work. Read as a balance it is
-d/dt(1/2 qd^T Hhat(pi) qd) = tau^T qd, where at zero momentum the left side is the whole kinetic
-energy and needs no base velocity. Here in weak form: multiplied by test functions phi that vanish
-at the window's ends and integrated, so that nothing is differentiated and every quantity stands at
-the nodes:
+The paper's printed cost has T_msr undefined and no motor work. As a balance it is d/dt(1/2 qd^T
+Hhat(pi) qd) = tau^T qd. At zero momentum the left side is the whole kinetic energy and needs no
+base velocity. The weak form is used here: the balance is multiplied by test functions phi that
+vanish at the window's ends, and integrated. So nothing is differentiated, and every quantity is
+needed at the nodes only:
 
     integral(phi tau^T qd dt) + integral(dphi/dt T(pi) dt) = 0
 """
@@ -48,9 +48,9 @@ def energy_rows(block: Block, x: FloatArray, problem: Problem) -> Rows:
 def stacked_energy_rows(s: BlockStack, x: FloatArray, problem: Problem) -> list[Rows]:
     """Return the whitened work-energy rows of every block, (m - 2, p); needs at least 3 nodes.
 
-    The kinetic energy's bias by the noise of qd, 1/2 tr(Hhat Sigma_qd), is taken off. Its gradient
-    is 1/2 nu^T Y(q, 0, nu) with nu the whole predicted velocity: at the momentum's stationary point
-    the base velocity's own derivative drops out.
+    The kinetic energy's bias by the noise of qd, 1/2 tr(Hhat Sigma_qd), is subtracted. The energy's
+    gradient is 1/2 nu^T Y(q, 0, nu) with nu the whole predicted velocity. The base velocity's own
+    derivative drops out, because the energy is stationary in the base velocity.
     """
     m, n, B = s.m, s.n, len(s.blocks)
     model, pi, k = problem.model, problem.pi(x), slice(0, problem.U.shape[1])
@@ -67,7 +67,7 @@ def stacked_energy_rows(s: BlockStack, x: FloatArray, problem: Problem) -> list[
     if turned is not None:
         nu[:, :6] += turned.by_momentum
     p_qd = (reduced @ qd)[:, :, 0]
-    own = np.einsum("bjii->bij", s.cov_joint[:, :, :m, :m]).reshape(-1, n)  # of qd at its node
+    own = np.einsum("bjii->bij", s.cov_joint[:, :, :m, :m]).reshape(-1, n)  # variance of qd
     T = 0.5 * np.einsum("ij,ij->i", s.qd_rad_s, p_qd)
     T -= 0.5 * np.einsum("ijj,ij->i", reduced, own)
     J_T = np.zeros((B * m, len(x)))
@@ -78,7 +78,7 @@ def stacked_energy_rows(s: BlockStack, x: FloatArray, problem: Problem) -> list[
         G = field(s, problem)
         by_pi = (nu[:, None] @ model.field_regressors(s.q_rad, G))[:, 0]
         P, J_P[:, k] = by_pi @ pi, by_pi @ problem.U
-    moved = np.zeros((B * m, n))  # torque that the wheels' moment stands for at the joints
+    moved = np.zeros((B * m, n))  # joint torque that the wheels' moment is equivalent to
     if turned is not None:
         T, P = T + turned.energy_j, P - np.einsum("ij,ij->i", nu[:, 3:6], turned.hd_nm)
         turned.fill_columns(J_T, J_P, nu, Y[:, :6] @ problem.U, k)
@@ -132,7 +132,7 @@ class _Turned:
     def covariance(
         self, s: BlockStack, work: FloatArray, slope: FloatArray, nu: FloatArray, wheels: Wheels
     ) -> FloatArray:
-        """Return what noise of the wheels' momenta makes of the balances (B, m - 2, m - 2)."""
+        """Return the balances' covariance (B, m - 2, m - 2) by noise of the wheels' momenta."""
         back = np.einsum("ij,ijk->ik", self.hd_nm, self.inverse[:, 3:, 3:])
         axes = wheels.axes
         by_h = np.einsum("brm,bmj->bjrm", work, s.by_block(back @ axes))
@@ -144,7 +144,7 @@ class _Turned:
 
 
 def _turned(s: BlockStack, x: FloatArray, problem: Problem, H_bb: FloatArray) -> _Turned | None:
-    """Return the share of wheels and momentum at the nodes; None without either."""
+    """Return the share of wheels and momentum at the nodes; None if there is neither."""
     wheels = turning(s, x, problem)
     if wheels is None and not present(problem.momentum):
         return None

@@ -1,7 +1,7 @@
-"""The angular momentum that a measured rate shows: where to linearise first.
+"""The angular momentum that a measured rate shows, as the first point of linearisation.
 
-Torque and specific force are quadratic in the base's rate. Linearised at rest they would not see
-it, and blame what it does to them on bodies and sensors; a captured object tumbles.
+Torque and specific force are quadratic in the base's rate. Linearised at rest they do not depend on
+it, and its effects count as errors of bodies and sensors. A captured object tumbles.
 """
 
 import numpy as np
@@ -15,8 +15,8 @@ from fsw.messages.errors import NUMERICAL
 def at_first_rate(block: Block, x: FloatArray, problem: Problem) -> FloatArray:
     """Return the state with the momentum at which the block's measured rate is predicted.
 
-    The predicted rate is affine in the momentum, so one step is exact. Unchanged where no momentum
-    is sought, where rate or attitude are not known, or where the bodies have no inertia.
+    The predicted rate is affine in the momentum, so one step is exact. The state is unchanged if
+    momentum is not estimated, rate or attitude are missing, or the bodies have no inertia.
     """
     if not (present(problem.momentum) and block.has_gyro and block.has_attitude):
         return x

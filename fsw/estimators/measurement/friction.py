@@ -2,7 +2,7 @@
 
     measured = (tau + c shape(qd) + d qd) (1 + scale) + offset            c, d: states
 
-The shape of Coulomb friction over a window is that of `reversal`.
+`reversal` gives the shape of Coulomb friction over a window.
 """
 
 import numpy as np
@@ -16,7 +16,7 @@ from fsw.messages import FloatArray
 def torque(s: BlockStack, x: FloatArray, problem: Problem) -> tuple[FloatArray, FloatArray]:
     """Return friction at the nodes (N, n) [N m] and its derivative by the same node's rate.
 
-    The derivative carries the rates' noise only; the neighbouring nodes' share is left out.
+    The derivative serves for the noise of rates only; the neighbouring nodes' share is left out.
     """
     friction, by_rate = np.zeros_like(s.qd_rad_s), np.zeros_like(s.qd_rad_s)
     if present(problem.friction_viscous):

@@ -9,11 +9,11 @@ Jacobian is exact and comes from two regressors and one 6 x 6 factorisation per 
     tau   = c_m + H_bm^T a_b + H_m qdd                              J_tau = Y_m + H_bm^T J_a + C_m
     J_w f     = a_b + wd x r + w x (w x r)
 
-A base that is held in part (`base.motion`) gives way along its free motions S alone, with
-S (S^T H_bb S)^-1 S^T for H_bb^-1, and carries the support's acceleration, minus gravity.
-
 with Y_h the base rows of Y(q, 0, nu) at the full predicted nu (v_b included) and C = dc/dw. RDA
 (eqs. 22-23 of the paper) is the torque channel, CM (eq. 30) the gyro channel of the same model.
+
+A base that is held in part (`base.motion`) moves along its free motions S alone: H_bb^-1 becomes
+S (S^T H_bb S)^-1 S^T, and the base has the support's acceleration, minus gravity, in addition.
 """
 
 import numpy as np
@@ -56,8 +56,8 @@ def predict(
     """Predict every channel at the nodes of blocks from joint motion, with exact Jacobians.
 
     `rate` says where the base's angular velocity comes from: `momentum` predicts it (fused, CM),
-    `measured` takes the gyro less its bias (RDA as the paper has it). `before` is the momentum
-    gained from external moments up to the block.
+    `measured` uses the gyro less its bias (RDA as in the paper). `before` is the momentum gained
+    from external moments up to the block.
     """
     s = as_true(block if isinstance(block, BlockStack) else BlockStack((block,)), x, problem)
     n = s.n
@@ -116,12 +116,12 @@ def predict(
 def _ideal(
     s: BlockStack, x: FloatArray, problem: Problem, rate: Rate, before: Impulse | None
 ) -> Channels:
-    """Return what sensors without errors of their own measure where joints move as told."""
+    """Return the readings of sensors without errors of their own, for the given joint motion."""
     n, r = s.n, problem.place_m(x)
     G = field(s, problem)
     L_B, J_L, after = _momentum(s, x, problem, G, before)
     wheels = turning(s, x, problem)
-    if wheels is not None:  # base and arm have what the wheels do not
+    if wheels is not None:  # base and arm have the momentum less the wheels' share
         L_B = L_B - wheels.h_nms
         J_L = -wheels.J_h if J_L is None else J_L - wheels.J_h
     d = dynamics(s, x, problem, rate, (L_B, G, wheels))
@@ -143,7 +143,7 @@ def _as_read(
     problem: Problem,
     rate: Rate,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return force and rate (N, 3) as the unit reads them; change every gain in place too."""
+    """Return force and rate (N, 3) as the inertial unit reads them; convert all gains in place."""
     n = problem.model.n
     R, by_angle = turn(x, problem)
     to_read = R.T, np.linalg.solve(gyro_turn(x, problem), np.eye(3))
@@ -164,7 +164,7 @@ def _as_read(
 def _momentum(
     s: BlockStack, x: FloatArray, problem: Problem, G: FloatArray, before: Impulse | None
 ) -> tuple[FloatArray, FloatArray | None, tuple[Impulse | None, ...]]:
-    """Return the angular momentum in base axes (N, 3), its Jacobian (N, 3, p), and what follows.
+    """Return the angular momentum in B (N, 3), its Jacobian (N, 3, p), and that after each block.
 
     The Jacobian is None where the momentum is zero.
     """

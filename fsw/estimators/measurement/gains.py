@@ -20,10 +20,10 @@ def state_gains(
     J_L: FloatArray | None,
     r: FloatArray,
 ) -> FloatArray:
-    """Return d[tau; f; w]/d[qdd, w, qd, x] (N, n + 6, 2 n + 3 + p), less the sensors' own errors.
+    """Return d[tau; f; w]/d[qdd, w, qd, x] (N, n + 6, 2 n + 3 + p) without the sensors' own errors.
 
-    The base rows of the direct effect on the generalised force give the base's acceleration, that
-    acts on torque and force; what acts on the rate acts through it on both.
+    The base rows of the direct effect on the generalised force give the base's acceleration, which
+    acts on torque and specific force. What changes the rate acts on both through the rate.
     """
     n, w, lever = s.n, d.nu[:, 3:], np.concatenate([np.eye(3), -skew(r)], axis=1)
     direct = np.zeros((len(w), 6 + n, 2 * n + 3 + len(x)))
@@ -81,7 +81,7 @@ def angle_gain(d: Dynamics, D_w: FloatArray, r: FloatArray, rate: Rate) -> Float
 
 
 def wheel_gain(d: Dynamics, D_w: FloatArray, r: FloatArray, rate: Rate) -> FloatArray | None:
-    """Return d[tau; f; w]/d[h, d/dt h] (2, m, n + 6, k) of the wheels; None without."""
+    """Return d[tau; f; w]/d[h, d/dt h] (2, m, n + 6, k) of the wheels; None without wheels."""
     if d.wheels is None:
         return None
     lever, H_bm = np.concatenate([np.eye(3), -skew(r)], axis=1), d.H[:, :6, 6:]

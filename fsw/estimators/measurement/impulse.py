@@ -1,7 +1,7 @@
 """External moments that change the angular momentum: gravity gradient, wrenches and thrusters.
 
-The gyro channel sees the momentum, so a moment acts on it through its integral. The integral is
-carried from block to block by Gauss quadrature over the nodes, with its exact Jacobian.
+The gyro channel depends on the momentum, so a moment acts on it through its integral. The integral
+is carried from block to block by Gauss quadrature over the nodes, with its exact Jacobian.
 """
 
 from dataclasses import dataclass, field
@@ -23,7 +23,7 @@ def _nothing() -> FloatArray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Impulse:
-    """Angular momentum gained from external moments up to a time, in inertial axes; modes there."""
+    """Angular momentum gained from external moments up to a time, in N; the modes at that time."""
 
     end_ns: int
     L_Nms: FloatArray  # (3,)
@@ -35,12 +35,12 @@ class Impulse:
     doubt: FloatArray = field(default_factory=_nothing)  # (2 c,) variance beside the state's
 
     def at(self, x: FloatArray) -> FloatArray:
-        """Return the momentum at another state, to first order."""
+        """Return the momentum (3,) at another state, to first order."""
         momentum: FloatArray = self.L_Nms + self.J @ (x - self.x)
         return momentum
 
     def modes_at(self, x: FloatArray) -> FloatArray:
-        """Return the modes at another state, to first order."""
+        """Return the modes (2 c,) at another state, to first order."""
         modes: FloatArray = self.modes + self.J_modes @ (x - self.x)
         return modes
 
@@ -63,14 +63,14 @@ def needed(problem: Problem) -> bool:
 
 
 def pulled(problem: Problem) -> bool:
-    """Return whether an external wrench is known or estimated."""
+    """Return whether there are thrusters, or an external wrench is estimated."""
     return present(problem.wrench) or present(problem.target_wrench) or len(problem.thrusters) > 0
 
 
 def momentum_at_nodes(
     block: Block, x: FloatArray, problem: Problem, G: FloatArray, before: Impulse | None
 ) -> tuple[FloatArray, FloatArray, Impulse]:
-    """Return the momentum gained, in N, at the nodes (m, 3), its Jacobian (m, 3, p), and after.
+    """Return the momentum gained in N at the nodes (m, 3), its Jacobian (m, 3, p), and that after.
 
     `G` (m, 3, 3) is the gravity-gradient field in base axes. A gap since `before` is bridged with
     the moment at this block's first node.
@@ -107,7 +107,7 @@ def momentum_at_nodes(
 def _wrench(
     block: Block, x: FloatArray, problem: Problem, G: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return force and moment (m, 6) from outside but the thrusters', in B, and d/dx (m, 6, p)."""
+    """Return external force and moment in B (m, 6) without the thrusters', and d/dx (m, 6, p)."""
     m, model = len(block.t_ns), problem.model
     pi = problem.pi(x)
     W, J = np.zeros((m, 6)), np.zeros((m, 6, len(x)))
@@ -176,11 +176,11 @@ def constant_force(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the generalised force of the constant wrenches at the nodes (m, 6+n), and d/dx.
 
-    Rows: force and moment about the base's origin in base axes, then joints; the Jacobian is
-    (m, 6+n, p). A wrench on the target acts through the Jacobian of its centre of mass, where
-    that is estimated as of the state x: its own derivative, of the size of the force, is left out.
-    Part of its force is constant in inertial axes and part in the target's: air pushes along the
-    wind, and aside as the faces stand to it.
+    Rows: force and moment about the base's origin in base axes, then joints; the Jacobian is (m,
+    6+n, p). A wrench on the target acts through the Jacobian of the target's centre of mass as
+    estimated at x. This point's own derivative, of the size of the force, is left out. One part of
+    the force is constant in inertial axes and one in the target's: air pushes along the wind, and
+    sideways by the attitude of the faces.
     """
     m, n = block.q_rad.shape
     J = np.zeros((m, 6 + n, len(x)))
@@ -198,7 +198,7 @@ def constant_force(
 
 
 def _target_com(x: FloatArray, problem: Problem) -> FloatArray:
-    """Return where the target's centre of mass is in E."""
+    """Return the target's centre of mass in E (3,) [m], by the state or as configured."""
     if "target" in problem.unknown:
         own = x[problem.body("target")]
         if own[0] > 0:

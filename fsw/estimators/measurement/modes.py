@@ -1,20 +1,20 @@
-"""Modes of the base: their motion over a window, and what it does to every channel.
+"""Modes of the base: their motion over a window, and its effect on every channel.
 
-Released, a mode is a joint whose torque is that of its spring and damper; its motion then follows
-from that of the arm, from where it was, and from the state. Over a window it is a polynomial that
-keeps its own equation at the nodes (Gauss collocation, of order 2 m):
+A released mode is a joint whose torque is that of its spring and damper. Its motion follows from
+that of the arm, from its own start, and from the state. Over a window the motion is a polynomial
+that satisfies the mode's equation at the nodes (Gauss collocation, of order 2 m):
 
     tau_e(eta, v, z) + K eta + C v = 0,    v = v0 + A z,    eta = eta0 + t v0 + A^2 z
 
 with z the accelerations at the nodes, t the time since the window's start and A the integrals of
 the interpolant. One Newton step from z = 0 and a linear correction solve it to third order in the
-curvature, and the same factorisation gives the exact derivatives. eta and v at a window's end, and
-their derivatives by the state, are where the next window begins.
+curvature, and the same factorisation gives the exact derivatives. The next window starts with eta
+and v at the end of this one, and with their derivatives by the state.
 
-Noise of the arm's motion acts at its own node, through z with eta and v held. Across a gap nothing
-is known: the mode may be anywhere within its amplitude, an error that the windows after it have in
-common until it has died away, so each counts it as many times as windows fit in that.
-Source: Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I (1993), sec. II.7.
+Noise of the arm's motion acts at its own node, through z with eta and v held. After a gap the mode
+may be anywhere within its amplitude. The windows after the gap share this error until it has died
+away, so each of them counts its variance as many times as there are windows in that time. Source:
+Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I (1993), sec. II.7.
 """
 
 from collections.abc import Callable
@@ -42,7 +42,7 @@ class Channels:
     D_wheel: FloatArray | None  # (2, N, n + 6, k)
     each: tuple[Impulse | None, ...]  # momentum, and modes, at the end of each block
     D_start: FloatArray | None = None  # (N, n + 6, 2 c): by the modes at the block's start
-    doubt: FloatArray | None = None  # (B, 2 c) variances of the modes there beside the state's
+    doubt: FloatArray | None = None  # (B, 2 c) variances of these modes beside the state's
 
 
 Ideal = Callable[[BlockStack, FloatArray, Problem, Rate, Impulse | None], Channels]
@@ -56,7 +56,7 @@ def released(
     before: Impulse | None,
     ideal: Ideal,
 ) -> Channels:
-    """Return the channels of the robot whose modes move; `ideal` predicts them for given motion."""
+    """Return the channels of the released robot; `ideal` predicts them for given joint motion."""
     parts = []
     for k, block in enumerate(s.blocks):
         at = slice(k * s.m, (k + 1) * s.m)
@@ -81,7 +81,7 @@ def released(
 
 @dataclass(slots=True, eq=False)
 class _Window:
-    """What stays the same over the steps at one window: m nodes, n joints, c coordinates."""
+    """Quantities common to the steps at one window: m nodes, n joints, c coordinates."""
 
     block: Block
     joints: tuple[FloatArray, FloatArray, FloatArray]  # q, qd, qdd (m, n)
@@ -91,14 +91,14 @@ class _Window:
     t_s: FloatArray  # (m, 1)
 
     def motion(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return coordinates and rates (m, c)."""
+        """Return coordinates and rates (m, c) by the accelerations z (m, c)."""
         eta0, v0 = np.split(self.start, 2)
         return eta0 + self.t_s * v0 + self.A @ self.A @ z, v0 + self.A @ z
 
 
 @dataclass(slots=True, eq=False)
 class _Step:
-    """The released robot at one guess of z, and what solves for the next."""
+    """The released robot at one guess of z, and the linear system for the next guess."""
 
     eta: FloatArray  # (m, c)
     v: FloatArray
@@ -108,7 +108,7 @@ class _Step:
     stiff: FloatArray
     damp: FloatArray
     system: FloatArray  # (m c, m c), of all nodes together
-    wrong: FloatArray  # (m, c) what is left of the equation
+    wrong: FloatArray  # (m, c) residual of the equation
 
 
 def _step(
@@ -172,7 +172,7 @@ def _window(
     D_wheel = at.D_wheel
     if D_wheel is not None:
         D_wheel = D_wheel[:, :, keep] - by_z @ np.linalg.solve(s.inertia, D_wheel[:, :, own])
-    if present(problem.joint_zero):  # D_q is added to it beside, as without modes
+    if present(problem.joint_zero):  # `predict` adds D_q, as without modes
         J[:, :, problem.joint_zero] += s.by_q[:, keep, :n] - D_q
     given = np.concatenate([at.tau[:, :n], at.f, at.w], axis=1) + total[:, :, 0]
     J_end = np.concatenate(
@@ -221,7 +221,7 @@ def _modes(problem: Problem) -> Modes:
 
 
 def _span_ns(block: Block, problem: Problem) -> tuple[int, int]:
-    """Return start and end of a block's window."""
+    """Return start and end of a block's window [ns]."""
     centre_ns = (int(block.t_ns[0]) + int(block.t_ns[-1])) // 2
     half_ns = round(0.5e9 * problem.window_s)
     return centre_ns - half_ns, centre_ns + half_ns
@@ -230,7 +230,7 @@ def _span_ns(block: Block, problem: Problem) -> tuple[int, int]:
 def _start(
     block: Block, x: FloatArray, problem: Problem, before: Impulse | None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return coordinates and rates (2 c,) at the window's start, d/dx (2 c, p), more variances."""
+    """Return modes at the window's start (2 c,), d/dx (2 c, p), variances beside the state's."""
     modes, states = _modes(problem), problem.mode_start
     size = states.stop - states.start
     if before is None or not len(before.modes):

@@ -1,4 +1,4 @@
-"""What the noise of a block's own joint motion, and of a measured rate, makes of its residuals.
+"""Covariance of a block's residuals by the noise of its joint motion and of a measured rate.
 
 The channels are predicted from joint motion that is known through noisy angles. Errors of angle,
 rate and acceleration are correlated over the nodes of a block, and enter every channel through the
@@ -48,7 +48,7 @@ def residual_covariance(
 
 
 def _by_motion(prediction: Prediction) -> FloatArray:
-    """Return (2 or 3, m, n + 6, n): by qd, by qdd, and by q where angles are noisy."""
+    """Return derivatives (2 or 3, m, n + 6, n) by qd, by qdd, and by q where angles are noisy."""
     m, rows, n = prediction.D_qd.shape
     D = np.zeros((2 if prediction.D_q is None else 3, m, rows, n))
     D[0], D[1, :, : n + 3] = prediction.D_qd, prediction.D_qdd
@@ -84,7 +84,7 @@ def smoothed(
 
 
 def through(s: BlockStack, D: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Return (B, m, r, m, r): what errors of covariance (B, j, d, m, d, m) make of the residuals.
+    """Return the covariance (B, m, r, m, r) of residuals by errors of (B, j, d, m, d, m).
 
     `D` (d, N, r, j) are sensitivities to the d-th derivatives of channel j at the same node.
     """

@@ -1,4 +1,4 @@
-"""Angles of joints, the inertial unit's attitude and its gyro off from what is configured."""
+"""Deviations from the configuration: joint angles, the inertial unit's attitude and its gyro."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ SMALL = 1e-6  # rad: below, the series' first terms are exact in double precisio
 
 
 def turn(x: FloatArray, problem: Problem) -> tuple[FloatArray, FloatArray]:
-    """Return R (3, 3), from axes as configured to true ones, and D (3, 3): d(R v) = -[R v x] D dx.
+    """Return R (3, 3), from configured axes to true ones, and D (3, 3): d(R v) = -[R v x] D dx.
 
     Source: exponential map and left Jacobian of SO(3), Barfoot, State Estimation for Robotics
     (2017), eqs. (6.86), (7.76).
@@ -29,10 +29,10 @@ def turn(x: FloatArray, problem: Problem) -> tuple[FloatArray, FloatArray]:
 
 
 def gyro_turn(x: FloatArray, problem: Problem) -> FloatArray:
-    """Return T (3, 3), from what the gyro reads less its bias to the true rate, both in base axes.
+    """Return T (3, 3), from the gyro's reading less its bias to the true rate, both in base axes.
 
-    T = R R_BS (1 + E) R_BS^T with E symmetric: scales of the axes and by how much two of them lean
-    to one another. A turn of all three is the mounting's.
+    T = R R_BS (1 + E) R_BS^T. The symmetric E holds the scale errors of the axes and the angles by
+    which two axes lean to one another. A turn of all three axes is part of the mounting.
     """
     R = turn(x, problem)[0]
     if not (present(problem.gyro_scale) or present(problem.gyro_axes)):
@@ -49,7 +49,7 @@ def gyro_turn(x: FloatArray, problem: Problem) -> FloatArray:
 def fill_gyro_columns(
     J: FloatArray, by_rate: FloatArray, w: FloatArray, x: FloatArray, problem: Problem
 ) -> None:
-    """Add to J (N, r, p) what scales and axes of the gyro do by way of the true rate.
+    """Add to J (N, r, p) the derivatives by the gyro's scales and axes, through the true rate.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def fill_gyro_columns(
 
 
 def as_true(s: BlockStack, x: FloatArray, problem: Problem) -> BlockStack:
-    """Return the blocks with the joints' angles as they are by the state's zeros and walks."""
+    """Return the blocks with the joints' angles corrected by the state's zeros and walks."""
     if problem.walks is not None:
         walked = problem.walks.moved(x[problem.joint_walk], s.walks_at_nodes)
         return s.shifted(x[problem.joint_zero] + walked)
@@ -78,7 +78,7 @@ def as_true(s: BlockStack, x: FloatArray, problem: Problem) -> BlockStack:
 
 
 def fill_angle_columns(J: FloatArray, D_q: FloatArray, s: BlockStack, problem: Problem) -> None:
-    """Add to J (N, r, p) what zeros and walks do by way of the angles, D_q (N, r, n)."""
+    """Add to J (N, r, p) the derivatives by zeros and walks, through the angles, D_q (N, r, n)."""
     if present(problem.joint_zero):
         J[:, :, problem.joint_zero] += D_q
     if problem.walks is not None:
@@ -88,7 +88,7 @@ def fill_angle_columns(J: FloatArray, D_q: FloatArray, s: BlockStack, problem: P
 
 
 def with_bridges(s: BlockStack, problem: Problem) -> BlockStack:
-    """Return the blocks, what of walks lies between their steps in the angles' covariance."""
+    """Return the blocks with the variance of walks outside their steps added to the angles'."""
     if problem.walks is None:
         return s
     beside = np.zeros((len(s.blocks), s.n))

@@ -1,6 +1,6 @@
 """MRNEA: the paper's modified recursive Newton-Euler regression, without its bias.
 
-Rows of one block, whitened: A delta = b for a step delta of the state at the state x. Three
+The whitened rows of a block are A delta = b for a step delta from the state x. There are three
 weightings: `ols` (the paper's, eqs. 8-16), `wls` (known output and input noise at the prior) and
 `eiv` (errors in variables: base acceleration, rates and joint accelerations are noisy regressors).
 """
@@ -35,17 +35,17 @@ class Rows:
     A: FloatArray
     b: FloatArray
     after: Impulse | None = None  # momentum gained up to the block's end; see `impulse`
-    root: FloatArray | None = None  # (k, k) lower root of the noise covariance whitened with
+    root: FloatArray | None = None  # (k, k) lower root of the noise covariance that whitens
     use: NDArray[np.bool_] | None = None  # (n + 6,) channels at each node: torque, force, rate
 
 
 def base_acceleration(
     block: Block | BlockStack, x: FloatArray, problem: Problem, G: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return w_NB_B (m, 3) less its bias, and the base's acceleration (m, 6) in its axes.
+    """Return w_NB_B (m, 3) less its bias, and the base's acceleration (m, 6) in B, linear first.
 
-    The latter is linear, then angular. In free fall the linear part is that of the base's origin,
-    less gravity there: a_b = f_S - bias - wd x r - w x (w x r) + G r.
+    Both are corrected for the mounting. In free fall the linear acceleration is that of the base's
+    origin, less gravity there: a_b = f_S - bias - wd x r - w x (w x r) + G r.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def base_acceleration(
 
 
 def field(block: Block | BlockStack, problem: Problem) -> FloatArray:
-    """Return the gravity-gradient field (m, 3, 3) in base axes; zero where none is configured."""
+    """Return the gravity-gradient field (m, 3, 3) in base axes; zero if no orbit is configured."""
     orbit = problem.orbit
     if orbit is None:
         return np.zeros((len(block.q_rad), 3, 3))
@@ -98,8 +98,7 @@ def stacked_mrnea_rows(
     With H the joint-space inertia and a the measured accelerations, r = y - Y(a) pi has covariance
     S = G Sigma_z G^T + Sigma_y, where z stacks specific force, gyro and joint-motion errors over
     all nodes of the block (wd is a derivative of the same gyro polynomial) and G = d(Y pi)/dz. The
-    step's Jacobian is taken at the smoothed z + Sigma_z G^T S^-1 r, the residual at the measured
-    one.
+    Jacobian is evaluated at the smoothed z + Sigma_z G^T S^-1 r, the residual at the measured z.
 
     Source: paper eqs. (3)-(16); errors-in-variables weighting as in weighted total least squares.
     """
@@ -172,7 +171,7 @@ def _by_angle(
 def _take_off_wheels(
     r: FloatArray, C: FloatArray, s: BlockStack, x: FloatArray, problem: Problem, w: FloatArray
 ) -> Wheels | None:
-    """Take the wheels' moment off the residual r, add its derivative to C; None without wheels."""
+    """Subtract the wheels' moment from r, add its derivative to C; return the wheels, or None."""
     wheels = turning(s, x, problem)
     if wheels is not None:
         r[:, 3:6] -= wheels.moment(w)
@@ -181,7 +180,7 @@ def _take_off_wheels(
 
 
 def _calibrated(s: BlockStack, x: FloatArray, problem: Problem) -> tuple[FloatArray, FloatArray]:
-    """Return the torques (N, n) less their offset, over their scale, and that scale (n,)."""
+    """Return the torques (N, n) corrected for offset and scale, and the scale (n,)."""
     tau, gain = s.tau_nm, np.ones(s.n)
     if present(problem.torque_offset):
         tau = tau - x[problem.torque_offset]
@@ -198,7 +197,7 @@ def _regressors(
     problem: Problem,
     G: FloatArray,
 ) -> FloatArray:
-    """Return Y (N, 6+n, 10 (n+1)) at the nodes, the field taken off."""
+    """Return Y (N, 6+n, 10 (n+1)) at the nodes, less that of the field."""
     Y = problem.model.regressors(s.q_rad, w, qd, acceleration)
     if problem.orbit is not None:
         Y -= problem.model.field_regressors(s.q_rad, G)
@@ -217,7 +216,7 @@ def _mounting_columns(
     Parameters
     ----------
     motion : the base's rate (m, 3) and acceleration (m, 6+n), the field (m, 3, 3)
-    gains : of the base's acceleration (its first three columns), of w and of wd on the rows
+    gains : derivatives of the rows by the base's acceleration (first three columns), by w, by wd
     """
     (w, acceleration, G), (H, G_w, G_wd) = motion, gains
     wd, r = acceleration[:, 3:6], problem.place_m(x)
@@ -240,7 +239,7 @@ def _nuisance_columns(
     x: FloatArray,
     problem: Problem,
 ) -> None:
-    """Fill the columns of torques and biases of X (m, 6+n, p); `gains` as for the mounting's."""
+    """Fill the columns of torques and biases of X (m, 6+n, p); `gains`: see `_mounting_columns`."""
     n, (H, G_w) = len(gain), gains
     if present(problem.torque_offset):
         X[:, 6:, problem.torque_offset] = np.diag(1.0 / gain)
@@ -292,7 +291,7 @@ def _output_covariance(
 def _smooth(
     s: BlockStack, unit: FloatArray, w: FloatArray, acceleration: FloatArray, r: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Apply unit-variance input corrections (B, inputs); return w, acceleration and qd there."""
+    """Apply unit-variance input corrections (B, inputs); return corrected w, acceleration, qd."""
     m, n, B = s.m, s.n, len(s.blocks)
     split = 3 * s.root_acc.shape[2]
     stop = split + 3 * s.root_gyro.shape[2]

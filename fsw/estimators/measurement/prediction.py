@@ -17,7 +17,7 @@ class Prediction:
     tau_nm: FloatArray  # (m, n)
     f_m_s2: FloatArray  # (m, 3)
     w_rad_s: FloatArray  # (m, 3)
-    J: FloatArray  # (m, n + 6, p): d[tau; f; w]/dx, of which the next three are the parts
+    J: FloatArray  # (m, n + 6, p): d[tau; f; w]/dx; the next three are its parts
     J_tau: FloatArray  # (m, n, p)
     J_f: FloatArray  # (m, 3, p)
     J_w: FloatArray  # (m, 3, p)
@@ -27,6 +27,6 @@ class Prediction:
     D_q: FloatArray | None  # (m, n + 6, n): d[tau; f; w]/dq where angles are noisy
     D_wheel: FloatArray | None  # (2, m, n + 6, k): d[tau; f; w]/d[h, d/dt h] of k wheels
     after: Impulse | None  # momentum gained up to the end
-    each: tuple[Impulse | None, ...]  # up to the end of each block
+    each: tuple[Impulse | None, ...]  # momentum gained up to the end of each block
     D_start: FloatArray | None = None  # (m, n + 6, 2 c): by c modes at their block's start
-    doubt: FloatArray | None = None  # (B, 2 c) variances of these beside what the state tells
+    doubt: FloatArray | None = None  # (B, 2 c) variances of these modes beside the state's

@@ -1,4 +1,4 @@
-"""The methods as row functions: what recursive and batch solutions share."""
+"""The methods as row functions, which the recursive and the batch solution share."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ class RowsFunction(ABC):
 
 
 class Linearisation:
-    """The rows of many blocks as a function of the state; the last state's are kept."""
+    """The rows of many blocks as a function of the state; those of the last state are kept."""
 
     def __init__(self, rows: RowsFunction, blocks: Sequence[Block]) -> None:
         self._rows = rows
@@ -54,11 +54,11 @@ class Linearisation:
 def usable_rows(
     rows: RowsFunction, block: Block, at: FloatArray, before: Impulse | None
 ) -> Rows | None:
-    """Return the rows; None if the base has no inertia there or they are not finite."""
+    """Return a block's rows; None if the base has no inertia there or they are not finite."""
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         try:
             made = rows(block, at, before)
-        except ValueError:  # LinAlgError, or scipy's check of what it is given
+        except ValueError:  # LinAlgError, or scipy's check of its input
             return None
     return made if np.all(np.isfinite(made.A)) and np.all(np.isfinite(made.b)) else None
 
@@ -73,11 +73,11 @@ class _Fused(RowsFunction):
         self._problem, self._channels, self._rate = problem, channels, rate
 
     def stacked(self, s: BlockStack, x: FloatArray, before: Impulse | None = None) -> list[Rows]:
-        """Return the rows; without a rate of its own the gyro's where there is one.
+        """Return the rows; a method without a rate of its own uses the gyro's if there is one.
 
-        A momentum that is sought is constant in inertial axes, and what thrusters add to it is
-        summed in them: a block without attitude says nothing of it, and torque and specific force
-        are predicted from the measured rate.
+        An estimated momentum is constant in inertial axes, and the thrusters' impulses are summed
+        in these axes. A block without attitude therefore shows nothing of the momentum; its torque
+        and specific force are predicted from the measured rate.
         """
         problem, channels = self._problem, self._channels
         by_gyro = s.has_gyro and problem.is_free
@@ -91,14 +91,14 @@ class _Fused(RowsFunction):
 
 
 class _Mrnea(RowsFunction):
-    """MRNEA, and RDA where a measurement of its base rows, or one of the torques, is missing."""
+    """MRNEA; RDA for blocks in which the measurement of a base row, or a torque, is missing."""
 
     def __init__(self, problem: Problem, weighting: str) -> None:
         self._problem, self._weighting = problem, weighting
         self._otherwise = _Fused(problem, ("torque",), None)
 
     def stacked(self, s: BlockStack, x: FloatArray, before: Impulse | None = None) -> list[Rows]:
-        """Return the rows; where a thrust changes, rates are no polynomials to be derived."""
+        """Return the rows; RDA's where a thrust changes, because rates are then no polynomials."""
         found: list[Rows] = []
         for fires, group in groupby(s.blocks, self._fires):
             own = tuple(group)
@@ -116,14 +116,14 @@ class _Mrnea(RowsFunction):
 
 
 class _Energy(RowsFunction):
-    """The balance of work, and RDA where a torque is missing and with it its work."""
+    """The balance of work; RDA for blocks in which a torque, and with it its work, is missing."""
 
     def __init__(self, problem: Problem) -> None:
         self._problem = problem
         self._otherwise = _Fused(problem, ("torque",), None)
 
     def stacked(self, s: BlockStack, x: FloatArray, before: Impulse | None = None) -> list[Rows]:
-        """Return the rows; momentum from outside moves none of the balance's."""
+        """Return the rows; those of the balance do not depend on `before`."""
         if s.has_joint.all():
             return stacked_energy_rows(s, x, self._problem)
         return self._otherwise.stacked(s, x, before)
@@ -132,9 +132,9 @@ class _Energy(RowsFunction):
 def row_function(method: str, weighting: str, problem: Problem) -> RowsFunction:
     """Return the rows of a method: mrnea, rda, cm, ce or fused.
 
-    A block without accelerometer or gyro leaves MRNEA's base rows without their measurement: its
-    torques are then used as RDA's, with the rate that the momentum gives where the gyro is missing.
-    So are the other torques of a block in which one is missing, for MRNEA and CE.
+    MRNEA's base rows need accelerometer and gyro. In a block without one of them the torques are
+    used as RDA's, with the rate that the momentum gives if the gyro is missing. In a block in which
+    a torque is missing, MRNEA and CE use the other torques as RDA's.
 
     Raises
     ------

@@ -1,14 +1,14 @@
 """Thrusters: their force as a known input with unknown scale, delay and rise time.
 
-A valve that opens at t_e makes the force rise as h(t) = 1 - exp(-(t - t_e - d) / r), one that
+A valve that opens at t_e makes the force rise as h(t) = 1 - exp(-(t - t_e - d) / r); one that
 closes lets it fall likewise. The channels of a block are projections of samples on polynomials of
-degree m - 1, where a force that rises within the window is none: so the same projection of the
-force stands at the nodes,
+degree m - 1, and a force that rises within the window is no such polynomial. So the same projection
+of the force is used at the nodes,
 
     u = P[sum of +-h],    U = P[integral of +-h],
 
-both in closed form, with exact derivatives by d and r: with I_0 = h and I_(j+1) = s^(j+1)/(j+1)! -
-r I_j, the j-fold integrals of h at s after its start, partial integration gives
+both in closed form, with exact derivatives by d and r. With the j-fold integrals of h at s after
+its start, I_0 = h and I_(j+1) = s^(j+1)/(j+1)! - r I_j, partial integration gives
 
     integral of p h = sum over j of (-1)^j p^(j) I_(j+1).
 """
@@ -23,24 +23,24 @@ from numpy.polynomial import legendre
 from fsw.estimators.model.problem import Problem, present
 from fsw.messages import Block, FloatArray
 
-LEAST_RISE_RATIO = 0.1  # of the configured rise time, at states far from their prior
+LEAST_RISE_RATIO = 0.1  # of the configured rise time: least one, at states far from their prior
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Profile:
-    """What K thrusters give in a block, of their nominal force; second: by delay, by rise time."""
+    """Shares of K nominal forces in a block; first axis: value, derivatives by delay, rise time."""
 
-    u: FloatArray  # (3, m, K) value and derivatives
+    u: FloatArray  # (3, m, K) share at the nodes
     U_s: FloatArray  # (3, m, K) its integral from the window's start
-    whole_s: FloatArray  # (3, K) that integral over the window
+    whole_s: FloatArray  # (3, K) integral of u over the window
     before_s: FloatArray  # (K,) integral up to the window's start
 
 
 @lru_cache(maxsize=8)
 def _projection(nodes: int) -> tuple[FloatArray, FloatArray]:
-    """Return (m, m) from moments with Legendre polynomials to the nodes, and (m, m, 2) p^(j)(+-1).
+    """Return maps (m, m) of Legendre moments to the nodes, and (m, m, 2) p^(j)(+-1).
 
-    Derivatives j = 0 .. m - 1 of every polynomial at -1 and 1.
+    The latter are the derivatives j = 0 .. m - 1 of every polynomial at -1 and 1.
     """
     points = legendre.leggauss(nodes)[0]
     to_nodes = legendre.legvander(points, nodes - 1) * (np.arange(nodes) + 0.5)
@@ -68,7 +68,7 @@ def profile(block: Block, x: FloatArray, problem: Problem) -> Profile:
     start = (t_s + delay[owner]) / half_s  # in half windows from the centre
     folds, by_r = _integrals(np.maximum(np.array([-1.0, 1.0])[:, None] - start, 0.0), r, m + 2)
     by_d = np.zeros_like(folds)
-    by_d[1:] = -folds[:-1]  # of I_0 it is not needed
+    by_d[1:] = -folds[:-1]  # that of I_0 is not needed
     alternating = (-1.0) ** np.arange(m)
     per_edge = np.zeros((2, 3, m, len(edges)))
     wholes, before = np.zeros((3, len(edges))), np.zeros(len(edges))
@@ -77,10 +77,10 @@ def profile(block: Block, x: FloatArray, problem: Problem) -> Profile:
             terms = integral[order : order + m] * alternating[:, None, None]  # (j, end, edge)
             at_ends = np.einsum("kjb,jbe->kbe", ends, terms)
             per_edge[order - 1, which] = at_ends[:, 1] - at_ends[:, 0]
-        # the integral counts from the window's start: a constant less
+        # less a constant, so that the integral is zero at the window's start
         per_edge[1, which, 0] -= 2.0 * integral[1, 0]
         wholes[which] = integral[1, 1] - integral[1, 0]
-    before = folds[1, 0] - np.maximum(-1.0 - t_s / half_s, 0.0)  # less than as commanded
+    before = folds[1, 0] - np.maximum(-1.0 - t_s / half_s, 0.0)  # difference from the commanded one
     of = np.zeros((len(edges), K))
     of[np.arange(len(edges)), owner] = sign
     scale = np.array([1.0, 1.0 / half_s, 1.0 / half_s])

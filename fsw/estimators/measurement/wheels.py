@@ -1,15 +1,15 @@
 """Reaction wheels: their momentum and torque as known inputs of the base.
 
-A wheel k turns with the measured speed relative to the base about an axis a_k fixed in it. With its
-mass and locked inertia in the base's own inertial data it adds to the base, in base axes,
+A wheel k turns with the measured speed relative to the base about an axis a_k fixed in it. Beside
+its mass and locked inertia, which are in the base's own inertial data, it adds, in base axes,
 
     momentum  h = sum a_k h_k (1 + s_k),         h_k = J_k speed_k
     moment    d/dt h + w x h                     on the side of the inertia forces
 
-where s_k, the relative error of its inertia, is a state with a prior. So is an error t_k of the
-delay of its readings: what is measured is the motion of t_k before, so h_k is read at t + t_k, to
-first order. Neither depends on the bodies that are sought. Source: Wie, Space Vehicle Dynamics and
-Control (2008), sec. 7.3 (gyrostat).
+The relative error s_k of a wheel's inertia is a state with a prior, and so is the error t_k of the
+delay of its readings. A reading shows the motion t_k earlier, so h_k is evaluated at t + t_k, to
+first order. Neither momentum nor moment depends on the unknown bodies. Source: Wie, Space Vehicle
+Dynamics and Control (2008), sec. 7.3 (gyrostat).
 """
 
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ class Wheels:
 
     h_nms: FloatArray  # (N, 3) in base axes
     hd_nm: FloatArray  # (N, 3) its derivative in base axes
-    axes: FloatArray  # (3, k) of the wheels, each times its 1 + s
+    axes: FloatArray  # (3, k) of the wheels, each times its 1 + s_k
     J_h: FloatArray  # (N, 3, p) d h/dx
     J_hd: FloatArray  # (N, 3, p)
 
@@ -56,7 +56,7 @@ class Wheels:
 
 
 def turning(s: BlockStack, x: FloatArray, problem: Problem) -> Wheels | None:
-    """Return what the wheels of the blocks do; None where the robot has none.
+    """Return the wheels' momentum, with sensitivities, at the nodes; None for no wheels.
 
     Raises
     ------
