@@ -1,1 +1,1 @@
-"""The reference study again: its tables and figure, beside what the fused estimator adds."""
+"""A reproduction of the reference paper: its tables and figure, and those of the fused method."""

@@ -1,7 +1,7 @@
-"""Bias from disturbances on noise-free data, ignored or modelled, for RDA and fused.
+"""Bias from disturbances on noise-free data, ignored or estimated, for RDA and fused.
 
-Blocks of exact channels, weighed as the data sheet's noise leaves them, through the flight
-software's own row functions. The prior's mean is the truth: what is left is the disturbances'.
+Blocks of exact channels, with the covariances of the data sheet's noise, go through the flight
+software's row functions. The prior's mean is the truth, so all errors come from the disturbances.
 """
 
 import tempfile
@@ -29,19 +29,19 @@ from hil.world.sensors import specific_force
 WINDOW_S, NODES = 0.4, 4
 POSITION_NOISE_RAD = 1.1e-7  # 24 bits
 METHODS = ("rda", "fused")
-# priors of what is estimated along: so wide that they pull at nothing, the data being free of noise
+# priors of the estimated wrenches, so wide that they have no effect on noise-free data
 SIGMA_N, SIGMA_NM = 1.0, 1.0
 BODIES = {"base": ("external",), "target": ("external", "target"), "both": ("external", "target")}
 
 
 def wrenches(system: str) -> dict[str, float]:
-    """Return the priors of a wrench on every body of a system with surfaces."""
+    """Return the settings of wide priors for a wrench on every body of a system with surfaces."""
     kinds = {"force_sigma_n": SIGMA_N, "torque_sigma_nm": SIGMA_NM}
     return {f"{body}_{kind}": sigma for body in BODIES[system] for kind, sigma in kinds.items()}
 
 
 def run_bias(unit: PaperUnit) -> dict[str, Any]:
-    """Return each method's errors: with and without disturbance, ignored and estimated."""
+    """Return errors by method, disturbance and treatment; and the share of the bias removed."""
     found: dict[str, Any] = {}
     for method in METHODS:
         for acting in (NONE, ALL):
@@ -79,7 +79,7 @@ def _problem(unit: PaperUnit, acting: str, *, estimated: bool) -> Problem:
     told = replace(
         exact_sensors(scenario, wrenches(unit.system) if estimated else {}),
         environment=environment,
-        before_s=0.0,  # blocks count from the start of the motion
+        before_s=0.0,  # the first block begins at the start of the motion
     )
     with tempfile.TemporaryDirectory(prefix="study-") as folder:
         problem = problem_of(write_config(told, unit.seed, Path(folder)))
@@ -124,7 +124,7 @@ def _block(
 
 @lru_cache(maxsize=3)
 def _covariances(orbit: str, system: str, n: int) -> dict[str, FloatArray]:
-    """Return what conditioning leaves of the data sheet's white noise in a full window."""
+    """Return the covariances that conditioning gives for the data sheet's noise in a window."""
     sensors = bound_sensors(scenario_of(orbit, system, NONE), n)
     half = 0.5 * WINDOW_S
     joints, imu = _instants(sensors.joint_rate_hz), _instants(sensors.imu_rate_hz)
@@ -140,6 +140,6 @@ def _covariances(orbit: str, system: str, n: int) -> dict[str, FloatArray]:
 
 
 def _instants(rate_hz: float) -> FloatArray:
-    """Return the sample times of a window from its middle."""
+    """Return the sample times of a window relative to its middle [s]."""
     times = (np.arange(round(WINDOW_S * rate_hz)) + 0.5) / rate_hz - 0.5 * WINDOW_S
     return np.asarray(times, dtype=np.float64)

@@ -1,4 +1,4 @@
-"""Cases of the study: systems, orbits, noise, disturbances, seeds."""
+"""Cases of the study of the paper: systems, orbits, noise, disturbances, seeds."""
 
 import copy
 from collections.abc import Mapping
@@ -54,7 +54,7 @@ NOISES = (PAPER, "one sequence", "averaged", "literal", "data sheet", "ideal")
 
 
 def noise_of(name: str, rate_hz: float) -> ChannelNoise:
-    """Return a profile at a rate; the names are those of NOISES."""
+    """Return the noise with a name of NOISES for samples at a rate [Hz]."""
     block = BandLimitedWhiteNoise()
     if name in (PAPER, "one sequence"):
         return _paper_like(block, rate_hz, shared=name != PAPER)
@@ -83,9 +83,9 @@ def noise_of(name: str, rate_hz: float) -> ChannelNoise:
 
 @dataclass(frozen=True, slots=True, kw_only=True, order=True)
 class PaperUnit:
-    """One motion and one draw of noise, given to some methods."""
+    """One motion and one draw of noise for several methods."""
 
-    level: str  # sample or device
+    level: str  # sample, device or bias
     orbit: str
     system: str
     noise: str
@@ -95,14 +95,14 @@ class PaperUnit:
 
     @property
     def key(self) -> str:
-        """Return the key of its result."""
+        """The key of the unit's result in the store."""
         where = (self.level, self.orbit, self.system, self.noise, self.acting, str(self.seed))
         return "|".join((*where, ",".join(self.methods)))
 
 
 @lru_cache(maxsize=32)
 def scenario_of(orbit: str, system: str, acting: str) -> Scenario:
-    """Return the scenario of a system in an orbit with some disturbances."""
+    """Return the scenario of a system in an orbit with the disturbances `acting` of PARTS."""
     scenario = load(SCENARIOS[orbit, system])
     unknown = ("base", "target") if system == "both" else (system,)
     parts = yaml.safe_load((FOLDER / "common" / f"{orbit}.yaml").read_text(encoding="utf-8"))
@@ -114,7 +114,7 @@ def scenario_of(orbit: str, system: str, acting: str) -> Scenario:
 
 
 def exact_sensors(scenario: Scenario, estimator: Mapping[str, Any]) -> Scenario:
-    """Return the scenario with bias-free sensors and the given estimator settings."""
+    """Return the scenario without offsets and biases, and with other estimator settings."""
     sensors: dict[str, Any] = copy.deepcopy(scenario.sensors)
     sensors["joints"]["torque_offset_sigma_nm"] = 0.0
     sensors["imu"]["gyro_bias_sigma_rad_s"] = 0.0
@@ -125,5 +125,5 @@ def exact_sensors(scenario: Scenario, estimator: Mapping[str, Any]) -> Scenario:
 
 
 def truth_of(scenario: Scenario) -> FloatArray:
-    """Return the true parameters of the unknown bodies, stacked."""
+    """Return the true parameters pi of the b unknown bodies, stacked (10 b,)."""
     return np.concatenate([pi_of(scenario.truth[body]) for body in scenario.unknown])

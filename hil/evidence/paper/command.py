@@ -14,11 +14,11 @@ FAILED_EXIT = 1
 
 
 def paper(*, quick: bool, out: Path | None, seeds: int | None, device_seeds: int | None) -> int:
-    """Run or resume the study and write its report; 1 if something required is missed.
+    """Run or resume the study and write its report; return 1 if a requirement is violated.
 
-    The short form, one seed of everything, is not held against the requirements.
+    Requirements that the bound forbids do not count. The short study (`quick`) always returns 0.
     """
-    os.environ["OMP_NUM_THREADS"] = os.environ["NUMBA_NUM_THREADS"] = "1"  # of the processes
+    os.environ["OMP_NUM_THREADS"] = os.environ["NUMBA_NUM_THREADS"] = "1"  # for new processes
     plan = run.quick_plan() if quick else run.PaperPlan()
     if seeds is not None:
         plan = replace(plan, seeds=seeds, few=min(plan.few, seeds))

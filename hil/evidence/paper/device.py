@@ -1,4 +1,4 @@
-"""The fused estimator from device bytes: plant and daemon in virtual time under the same noise."""
+"""The fused estimator at device level: plant and daemon in virtual time with the paper's noise."""
 
 import tempfile
 from dataclasses import replace
@@ -20,7 +20,7 @@ from hil.world.robot import Robot
 from hil.world.scenario import FOLDER, Scenario
 from hil.world.spline import JointSpline
 
-# Angles of 3.2 mrad noise need long windows before they say anything of accelerations.
+# Angles with a noise of 3.2 mrad give accelerations only in long windows.
 ESTIMATOR = {
     "window_s": 6.0,
     "nodes": 8,
@@ -31,7 +31,7 @@ ESTIMATOR = {
 
 
 def run_device(unit: PaperUnit) -> dict[str, Any]:
-    """Return the fused result of one run, the daemon's own last estimate, plain values."""
+    """Return the last estimate of the daemon in one run, under "fused", as JSON values."""
     scenario = _scenario(unit)
     robot, spline, history = _motion(unit.orbit, unit.system, unit.acting)
     with tempfile.TemporaryDirectory(prefix="study-") as name:

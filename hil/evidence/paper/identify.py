@@ -1,4 +1,4 @@
-"""One unit of the study: the methods on its samples, judged by the end-effector error."""
+"""One unit of the study: all its methods on the same samples, judged by the end-effector error."""
 
 import tempfile
 from collections.abc import Callable, Mapping
@@ -32,7 +32,7 @@ DRAW_STREAM = 137
 
 
 def run_samples(unit: PaperUnit, rate_hz: float) -> dict[str, Any]:
-    """Return every method's result on one draw of noise, plain values."""
+    """Return the results on one draw of noise by method, as JSON values."""
     with tempfile.TemporaryDirectory(prefix="study-") as folder:
         config = config_of(unit, Path(folder), with_wrench=False)
         noise = noise_of(unit.noise, rate_hz)
@@ -56,8 +56,8 @@ def run_samples(unit: PaperUnit, rate_hz: float) -> dict[str, Any]:
 def config_of(unit: PaperUnit, folder: Path, *, with_wrench: bool) -> Config:
     """Return the flight configuration, with a wide prior drawn from the seed.
 
-    Of the environment it knows the gravity gradient, as in the paper; samples count from the start
-    of the motion. The paper measures the acceleration of the base's origin: there is the sensor.
+    As in the paper, it has the gravity gradient and no other part of the environment, and the
+    accelerometer is at the origin of the base. Samples begin at the start of the motion.
     """
     scenario = scenario_of(unit.orbit, unit.system, unit.acting)
     told = replace(exact_sensors(scenario, WRENCH if with_wrench else {}), before_s=0.0)
@@ -68,9 +68,9 @@ def config_of(unit: PaperUnit, folder: Path, *, with_wrench: bool) -> Config:
 
 
 def _fused(unit: PaperUnit, data: Conditioned, plain: Problem, pulled: Problem) -> dict[str, Any]:
-    """All channels and the motion; where something acts from outside, a constant wrench too.
+    """Estimate from all channels: bodies, joint motion and, with disturbances, a constant wrench.
 
-    The motion taken as exact gives the start.
+    The iteration starts at the estimate for an exact motion.
     """
     near = solve(plain, row_function("fused", "eiv", plain), data.blocks)
     start = pulled.prior_mean.copy()
@@ -83,26 +83,26 @@ def _fused(unit: PaperUnit, data: Conditioned, plain: Problem, pulled: Problem) 
 
 
 def _mrnea(data: Conditioned, plain: Problem) -> BatchSolution:
-    """Eqs. 5 to 16: ordinary least squares with the measured base acceleration."""
+    """Solve eqs. 5 to 16: ordinary least squares with the measured base acceleration."""
     rows = row_function("mrnea", "ols", plain)
     return regress(plain, Target(Linearisation(rows, data.blocks)))
 
 
 def _rda(data: Conditioned, plain: Problem) -> BatchSolution:
-    """Eq. 27: unweighted torque residuals; motion taken as exact."""
+    """Solve eq. 27 with unweighted torque residuals and the motion as exact."""
     exact = [replace(block, cov_gyro=np.zeros_like(block.cov_gyro)) for block in data.blocks]
     start = solve(plain, row_function("mrnea", "eiv", plain), data.blocks).mean
     return solve(plain, row_function("rda", "eiv", plain), exact, start=start)
 
 
 def _cm(data: Conditioned, plain: Problem) -> BatchSolution:
-    """Eqs. 30 and 31: base velocity and rate; no sensor gives the velocity, here it is measured."""
+    """Solve eqs. 30 and 31 for base velocity and rate; the velocity is assumed to be measured."""
     rows = PrintedMomentum(plain, data.velocity_m_s, data.velocity_sigma_m_s)
     return solve(plain, rows, data.blocks)
 
 
 def _ce(data: Conditioned, plain: Problem) -> BatchSolution:
-    """Eqs. 32 to 34, the measured energy read as the motors' work."""
+    """Solve eqs. 32 to 34 with the work of the motors as the measured energy."""
     start = solve(plain, row_function("mrnea", "eiv", plain), data.blocks).mean
     return solve(plain, row_function("ce", "eiv", plain), data.blocks, start=start)
 
@@ -116,13 +116,13 @@ PAPER_METHODS: Mapping[str, Callable[[Conditioned, Problem], BatchSolution]] = {
 
 
 def _judged(unit: PaperUnit, problem: Problem, solution: BatchSolution) -> dict[str, Any]:
-    """Return a result's errors against the truth."""
+    """Return the scores of a solution against the truth."""
     k, covariance = problem.bodies, solution.information.covariance()
     return scored(unit, solution.mean[k], covariance[k, k], solution.status)
 
 
 def scored(unit: PaperUnit, x: FloatArray, covariance: FloatArray, status: str) -> dict[str, Any]:
-    """Return end-effector errors, parameters, and what the covariance lets expect."""
+    """Return parameters, NEES, tool errors and expected ones; EstimatorError if x is not finite."""
     scenario = scenario_of(unit.orbit, unit.system, unit.acting)
     truth, tool = truth_of(scenario), verification(unit.orbit, unit.system)
     if not (np.all(np.isfinite(x)) and np.all(np.isfinite(covariance))):
@@ -138,7 +138,7 @@ def scored(unit: PaperUnit, x: FloatArray, covariance: FloatArray, status: str) 
 
 
 def _spread(unit: PaperUnit, covariance: FloatArray, prefix: str) -> dict[str, float]:
-    """Return the mean end-effector errors of draws from a covariance about the truth."""
+    """Return the mean end-effector errors of draws from a covariance (p, p) about the truth."""
     truth = truth_of(scenario_of(unit.orbit, unit.system, unit.acting))
     tool = verification(unit.orbit, unit.system)
     rng = np.random.default_rng(np.random.SeedSequence(unit.seed, spawn_key=(DRAW_STREAM,)))
@@ -149,7 +149,7 @@ def _spread(unit: PaperUnit, covariance: FloatArray, prefix: str) -> dict[str, f
 
 @lru_cache(maxsize=6)
 def verification(orbit: str, system: str) -> Verification:
-    """Return the verification motion of a system."""
+    """Return the verification of a system: the motion on which the tool's error is predicted."""
     scenario = scenario_of(orbit, system, "none")
     pis = {body: pi_of(report) for body, report in scenario.truth.items()}
     robot = FloatingRobot(scenario.urdf, scenario.tool_frame, pis, scenario.unknown)

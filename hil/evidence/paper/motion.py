@@ -1,10 +1,9 @@
-"""The joints' motion as one curve, and the likelihood over bodies and curve together.
+"""The joints' motion as one curve, and the likelihood of bodies and curve together.
 
-The planned motion's own knots are known, so every joint moves along a spline of a few coefficients,
-fitted to noisy angles. The errors of the fit last, and stand in angle, rate and acceleration alike:
-taken as exact, or as white errors, they make an estimate far surer than it is. So the coefficients
-become states beside the bodies, the fit is their prior, and torque, rate and specific force inform
-the motion as well. Predictions, derivatives and iteration are the flight software's.
+The knots of the planned motion are known, so a spline with few coefficients is fitted to the noisy
+angles of every joint. Errors of the fit last and are common to angle, rate and acceleration. If
+they were ignored, or counted as white, sigma would be far too small. So the coefficients are states
+beside the bodies, with the fit as their prior, and all sensors improve them.
 Source: errors in variables by their latent values, Fuller, Measurement Error Models (1987), 3.1.
 """
 
@@ -26,19 +25,19 @@ from fsw.messages import Block
 from hil.world.inertia import FloatArray
 from hil.world.spline import DEGREE, REST_POINTS, JointSpline
 
-LEAST_RAD = 1e-9  # of an angle's noise where there is none
+LEAST_RAD = 1e-9  # least noise of an angle
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointCurve:
-    """The joints' motion, linear in k coefficients, at the nodes of all blocks."""
+    """The motion of n joints at the N nodes of all blocks, linear in k coefficients per joint."""
 
-    basis: FloatArray  # (3, N, k) angle, rate, acceleration
+    basis: FloatArray  # (3, N, k) of angle, rate and acceleration
     coefficients: FloatArray  # (k, n)
-    covariance: FloatArray  # (k, k) of the coefficients of every joint
+    covariance: FloatArray  # (k, k) of the coefficients of one joint, equal for all joints
 
     def blocks(self, blocks: Sequence[Block]) -> list[Block]:
-        """Return the blocks with the curve's motion, taken as exact; they begin at the curve's."""
+        """Return all blocks of the curve with the motion of the curve, which counts as exact."""
         m, n = blocks[0].q_rad.shape
         q, qd, qdd = self.basis @ self.coefficients
         return [
@@ -56,7 +55,7 @@ class JointCurve:
 def fit_curve(
     spline: JointSpline, t_s: FloatArray, q_rad: FloatArray, nodes_s: FloatArray, sigma_rad: float
 ) -> JointCurve:
-    """Return the least-squares curve through noisy angles (N, n), evaluated at the nodes."""
+    """Return the least-squares curve through noisy angles (N, n), evaluated at `nodes_s`."""
     at_sensed, at_nodes = _bases(spline, t_s, nodes_s)
     coefficients, *_ = np.linalg.lstsq(at_sensed, q_rad, rcond=None)
     root = np.linalg.qr(at_sensed)[1]
@@ -71,9 +70,9 @@ def fit_curve(
 def solve_with_motion(
     problem: Problem, blocks: Sequence[Block], curve: JointCurve, start: FloatArray
 ) -> BatchSolution:
-    """Return the most likely bodies, nuisances and coefficients; states of the problem first.
+    """Return the most likely states of the problem, followed by the coefficients of the curve.
 
-    `start` (p,) are the problem's states. `blocks` are all those whose nodes the curve has.
+    `start` (p,) are the initial states of the problem. `blocks` are all blocks of the curve.
     """
     n = curve.coefficients.shape[1]
     own = np.kron(curve.covariance, np.eye(n))
@@ -90,13 +89,13 @@ def solve_with_motion(
 
 
 class _Rows(RowsFunction):
-    """Whitened rows of torque, accelerometer and gyro at a motion that is part of the state."""
+    """Whitened rows of torque, accelerometer and gyro; the joint motion is a part of the state."""
 
     def __init__(self, problem: Problem, curve: JointCurve, place: dict[int, int]) -> None:
         self._problem, self._curve, self._place = problem, curve, place
 
     def stacked(self, s: BlockStack, x: FloatArray, before: Impulse | None = None) -> list[Rows]:
-        """Return the rows at the state x: the problem's, then the coefficients."""
+        """Return the rows of each block at x: states of the problem, then the coefficients."""
         p, m, n, B = len(self._problem.prior_mean), s.m, s.n, len(s.blocks)
         nodes = np.concatenate([np.arange(m) + m * self._place[b.index] for b in s.blocks])
         basis = self._curve.basis[:, nodes]
@@ -129,7 +128,7 @@ class _Rows(RowsFunction):
 
 
 def _moved(s: BlockStack, motion: FloatArray) -> BlockStack:
-    """Return the blocks at another motion (3, N, n) of the joints, whose angles have noise."""
+    """Return the blocks with another joint motion (3, N, n) and a full-size joint covariance."""
     q, qd, qdd = (s.by_block(values) for values in motion)
     wide = np.zeros((s.n, 3 * s.m, 3 * s.m))
     return BlockStack(
@@ -143,7 +142,7 @@ def _moved(s: BlockStack, motion: FloatArray) -> BlockStack:
 def _bases(
     spline: JointSpline, t_s: FloatArray, nodes_s: FloatArray
 ) -> tuple[FloatArray, list[FloatArray]]:
-    """Return the rest-to-rest spline basis at the sensed times, and with derivatives at nodes."""
+    """Return the basis of rest-to-rest splines at `t_s`; and at `nodes_s` with two derivatives."""
     count = len(spline.control_points_rad)
     inner = np.linspace(0.0, spline.duration_s, count - DEGREE + 1)
     ends = np.zeros(DEGREE)

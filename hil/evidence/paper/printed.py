@@ -1,4 +1,4 @@
-"""The figures the paper prints; facts of Rackl, Lampariello, Albu-Schaeffer (IFAC ACA 2013)."""
+"""The figures printed in the paper of Rackl, Lampariello, Albu-Schaeffer (IFAC ACA 2013)."""
 
 from collections.abc import Mapping
 
@@ -9,8 +9,8 @@ METRIC_TITLES: Mapping[str, str] = {
     "mean_angle_rad": "mean orientation error [rad] (Table 6)",
     "max_angle_rad": "max orientation error [rad] (Table 7)",
 }
-# Tables 4-7, end-effector error with noise and LEO disturbances; by metric, method, system.
-# Two printed maxima lie below their mean (RDA base position, CM both angle), as published.
+# Tables 4-7: end-effector error with noise and LEO disturbances, by metric, method and system.
+# Two maxima are printed smaller than their means: RDA base position, and CM both angle.
 PRINTED: Mapping[str, Mapping[str, Mapping[str, float]]] = {
     "mean_position_m": {
         "mrnea": {"base": 0.0054, "target": 0.0269, "both": 0.0399},
@@ -37,13 +37,13 @@ PRINTED: Mapping[str, Mapping[str, Mapping[str, float]]] = {
         "ce": {"base": 0.439, "target": 0.0843, "both": 0.1899},
     },
 }
-# Best printed figures without RDA's 4.4 mm, which lies below its own mean.
+# Best printed figures, without RDA's maximum of 4.4 mm, which is smaller than its mean.
 BEST: Mapping[str, Mapping[str, float]] = {
     "mean_position_m": {"base": 0.0054, "target": 0.0150, "both": 0.0399},
     "max_position_m": {"base": 0.0186, "target": 0.0704, "both": 0.0987},
 }
 BETTER_BY = 20.0
-# Tables 2 and 3: RDA, target in LEO: m, c, then Ixx Ixy Ixz Iyy Iyz Izz.
+# Tables 2 and 3: RDA, target in LEO: m [kg], c [m], then Ixx Ixy Ixz Iyy Iyz Izz [kg m2].
 TABLE_2 = (398.9, 0.781, 0.502, 0.419, 259.25, 9.54, 10.14, 249.21, 5.32, 253.42)
 TABLE_3 = (419.2, 0.821, 0.597, 0.448, 267.19, 12.00, 2.36, 254.58, -15.47, 261.95)
 PARAMETERS = ("m", "cx", "cy", "cz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")

@@ -1,7 +1,7 @@
 """CM as printed (paper eqs. 30-31): base velocity and rate; no flight sensor gives the velocity.
 
-Six rows per node for the flight software's own iteration: [v_b; w_b] = -H_bb^-1 H_bm qd, with the
-gyro's and the velocity's noise, the joints' motion taken as exact.
+Each node gives six rows, [v_b; w_b] = -H_bb^-1 H_bm qd, for the iteration of the flight software.
+The rows have the noise of velocity and gyro; the joint motion counts as exact.
 """
 
 from collections.abc import Mapping
@@ -19,12 +19,12 @@ from hil.world.inertia import FloatArray
 
 
 class PrintedMomentum(RowsFunction):
-    """Whitened rows of a block.
+    """Whitened rows of base velocity and rate of a block with m nodes.
 
     Parameters
     ----------
-    velocity_m_s : (m, 3) velocity of the base's origin in base axes at the nodes, by block index
-    sigma_m_s : 1 sigma of it, white over the nodes
+    velocity_m_s : (m, 3) measured velocity of the base's origin in B at the nodes, by block index
+    sigma_m_s : 1 sigma of the velocity, white over the nodes
     """
 
     def __init__(
@@ -33,7 +33,7 @@ class PrintedMomentum(RowsFunction):
         self._problem, self._velocity, self._sigma = problem, velocity_m_s, sigma_m_s
 
     def stacked(self, s: BlockStack, x: FloatArray, before: Impulse | None = None) -> list[Rows]:
-        """Return the rows of velocity and rate at the state x."""
+        """Return the rows of each block at the state x."""
         return [self._rows(block, x, before) for block in s.blocks]
 
     def _rows(self, block: Block, x: FloatArray, before: Impulse | None) -> Rows:

@@ -1,4 +1,4 @@
-"""The study on one page: a self-contained HTML file, and the same figures as CSV and JSON."""
+"""The report of the study: one self-contained HTML file, and the same figures as CSV and JSON."""
 
 import base64
 import csv
@@ -60,7 +60,7 @@ WHY = (
 
 
 def write(folder: Path, results: Results, code: str) -> list[dict[str, Any]]:
-    """Write report.html, report.csv and report.json; return the verdicts."""
+    """Write report.html, report.csv and report.json to a folder; return the verdicts."""
     table = tables.cells(results)
     judged = tables.verdicts(table, results)
     with (folder / "report.csv").open("w", encoding="utf-8", newline="") as file:

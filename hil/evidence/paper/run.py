@@ -1,4 +1,4 @@
-"""The study's units, run over processes, each result stored when ready, so a rerun continues."""
+"""Run the units of the study in processes; each result is stored, so that a rerun continues."""
 
 from dataclasses import dataclass, replace
 from functools import partial
@@ -16,22 +16,22 @@ SAMPLE, DEVICE, BIAS = "sample", "device", "bias"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PaperPlan:
-    """How much is run; the paper's seed comes first."""
+    """The extent of the study; the first seed is the paper's seed."""
 
     rate_hz: float = 500.0
-    seeds: int = 20  # per LEO cell of Tables 4-7
-    few: int = 5  # per cell of the rest
+    seeds: int = 20  # for each LEO cell of Tables 4-7
+    few: int = 5  # seeds for each other cell
     device_seeds: int = 20
     systems: tuple[str, ...] = SYSTEMS
 
 
 def quick_plan() -> PaperPlan:
-    """Return one seed of everything at 100 Hz, and no device bytes."""
+    """Return the short study: one seed of everything at 100 Hz, without device level."""
     return PaperPlan(rate_hz=100.0, seeds=1, few=1, device_seeds=0)
 
 
 def units(plan: PaperPlan) -> list[PaperUnit]:
-    """Return all units: the tables first, seed by seed."""
+    """Return all units: first those of the paper's tables, ordered by seed."""
     found: list[PaperUnit] = []
     for k in range(plan.seeds):
         found += [_unit("leo", system, PAPER, ALL, k) for system in plan.systems]
@@ -65,7 +65,7 @@ def _unit(
 
 
 def run_unit(unit: PaperUnit, rate_hz: float) -> dict[str, Row]:
-    """Return the unit's results by method, plain values, under the unit's key."""
+    """Return the unit's results by method, as JSON values, under the unit's key."""
     if unit.level == SAMPLE:
         from hil.evidence.paper.identify import run_samples
 
@@ -80,12 +80,12 @@ def run_unit(unit: PaperUnit, rate_hz: float) -> dict[str, Row]:
 
 
 def open_store(folder: Path, rate_hz: float) -> Store:
-    """Return the study's store in a folder. Raises ScenarioError for other settings."""
+    """Return the store of the study in a folder. Raises ScenarioError if it has other settings."""
     return Store(folder, {"version": VERSION, "rate_hz": rate_hz})
 
 
 def complete(plan: PaperPlan, store: Store, jobs: int, console: Console) -> dict[str, Row]:
-    """Run what the store lacks; return the results of the plan by key."""
+    """Run the units that the store lacks; return all results of the plan by key."""
     wanted = units(plan)
     rest = runner.missing(wanted, _key, store)
     ran = pool.run(partial(run_unit, rate_hz=plan.rate_hz), rest, jobs)

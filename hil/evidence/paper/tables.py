@@ -1,4 +1,4 @@
-"""From results to cells: median and quartiles per method, verdicts, orderings."""
+"""Make tables from results: medians and quartiles by method, verdicts, orders of the methods."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -25,13 +25,13 @@ BOUND = tuple(f"bound_{name}" for name in METRICS)  # from the Cramer-Rao bound 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cell:
-    """One metric of one method: quartiles over the seeds, and the paper's seed."""
+    """One metric of one method: quartiles over the seeds, and the value of the paper's seed."""
 
     orbit: str
     system: str
     noise: str
     acting: str
-    method: str  # with "device bytes" where it is
+    method: str  # followed by ", device bytes" at device level
     metric: str
     seeds: int
     failed: int
@@ -39,11 +39,11 @@ class Cell:
     low: float  # quartiles
     high: float
     paper_seed: float
-    printed: float | None
+    printed: float | None  # the paper's figure; None if there is none
 
 
 def cells(results: Results) -> list[Cell]:
-    """Return a cell for every metric of every method and case, in the order they were run."""
+    """Return a cell for each metric, case and method, in the order of the results."""
     groups: dict[tuple[str, ...], list[tuple[int, Mapping[str, Any]]]] = {}
     for key, values in results.items():
         level, orbit, system, noise, acting, seed, _ = key.split("|")
@@ -84,7 +84,7 @@ def cells(results: Results) -> list[Cell]:
 
 
 def quartiles(values: np.ndarray) -> tuple[float, float, float]:
-    """Return lower quartile, median, upper quartile; NaN of nothing."""
+    """Return lower quartile, median and upper quartile; three NaN without values."""
     if values.size == 0:
         return (float("nan"),) * 3
     low, median, high = np.quantile(values, [0.25, 0.5, 0.75])
@@ -92,12 +92,12 @@ def quartiles(values: np.ndarray) -> tuple[float, float, float]:
 
 
 def pick(table: Iterable[Cell], **wanted: str) -> list[Cell]:
-    """Return the cells with these attributes."""
+    """Return the cells whose attributes have the wanted values."""
     return [c for c in table if all(getattr(c, name) == value for name, value in wanted.items())]
 
 
 def orderings(table: Sequence[Cell]) -> list[str]:
-    """Say which of the paper's methods is better, where the quartiles' intervals are apart."""
+    """Return lines: the paper's methods, ordered where their intervals of quartiles are apart."""
     lines = []
     for system in SYSTEMS:
         own = pick(
@@ -120,9 +120,9 @@ def orderings(table: Sequence[Cell]) -> list[str]:
 
 
 def verdicts(table: Sequence[Cell], results: Results) -> list[dict[str, Any]]:
-    """Return what is required, what was found, whether it holds, and whether it can.
+    """Return the requirements with value, wanted value, and whether they hold or are forbidden.
 
-    Forbidden: the error expected at the Cramer-Rao bound of all samples exceeds what is wanted.
+    Forbidden: the error expected at the Cramer-Rao bound of all samples exceeds the wanted value.
     """
     found = []
     for metric, best in BEST.items():
@@ -165,7 +165,7 @@ def verdicts(table: Sequence[Cell], results: Results) -> list[dict[str, Any]]:
 
 
 def parameter_tables(results: Results) -> list[dict[str, Any]]:
-    """Return Tables 2 and 3: RDA and fused on the target in LEO, with and without disturbances."""
+    """Return Tables 2 and 3: target in LEO by RDA and fused, with and without disturbances."""
     found = []
     for acting, printed in ((ALL, TABLE_2), (NONE, TABLE_3)):
         start = "|".join((SAMPLE, "leo", "target", PAPER, acting, ""))
@@ -194,10 +194,10 @@ def parameter_tables(results: Results) -> list[dict[str, Any]]:
 
 
 def biases(results: Results) -> dict[str, Mapping[str, Any]]:
-    """Return the noise-free biases by system."""
+    """Return the results of the noise-free study of bias, by system."""
     return {key.split("|")[2]: v for key, v in results.items() if key.startswith(BIAS)}
 
 
 def plain(table: Sequence[Cell]) -> list[dict[str, Any]]:
-    """Return the cells as plain values."""
+    """Return the cells as JSON values."""
     return [asdict(cell) for cell in table]
