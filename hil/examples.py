@@ -1,4 +1,4 @@
-"""One example for the help of every command; a test parses each."""
+"""One example for the help of every command; a test parses every example."""
 
 EXAMPLES = {
     "run": "hil run target_leo --fast --seed 1 --out runs/first",

@@ -1,4 +1,4 @@
-"""Kinds of command-line options."""
+"""Types of command-line options, and the call of a command's function."""
 
 import argparse
 from collections.abc import Callable

@@ -61,7 +61,7 @@ class Flown:
 
 
 def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the subcommand."""
+    """Add the subcommand `vs-basilisk`."""
     parser = commands.add_parser(
         "vs-basilisk",
         help="a second truth: Basilisk flies scenarios, beside MuJoCo and before the daemon",

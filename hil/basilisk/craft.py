@@ -172,7 +172,7 @@ def _quaternions(sigma: FloatArray) -> FloatArray:
 def _craft(
     scenario: Scenario, base: Body, q_rad: FloatArray
 ) -> tuple[FloatArray, list[list[dict[str, Any]]]]:
-    """Return the hub's parameters (10,) and the chains of moving links, all fixed parts merged."""
+    """Return the hub's pi (10,) and the chains of moving links; fixed parts are merged in."""
     links = read_links(scenario.urdf)
     held = {scenario.tool_frame: scenario.truth.get("target")}
     held |= {frame: scenario.truth[name] for name, frame in scenario.frames.items()}

@@ -57,12 +57,12 @@ class Imu:
             raise ValueError(f"{length} bytes at {config.baud_rate} bit/s exceed the IMU's period")
 
     def sample_ns(self, n: IntArray) -> IntArray:
-        """Return the sample instants of datagrams n on the host's clock."""
+        """Return the sample instants of datagrams n on the host's clock [ns]."""
         instants: IntArray = np.rint(self._t0_ns + n * self._period_ns).astype(np.int64)
         return instants
 
     def truth_ns(self, n: IntArray) -> tuple[IntArray, IntArray]:
-        """Return the true times of validity of datagrams n: gyro, accelerometer."""
+        """Return the true times of validity [ns] of datagrams n: gyro, accelerometer."""
         sample = self.sample_ns(n)
         gyro = sample - round(self._config.gyro_group_delay_s * 1e9)
         return gyro, sample - round(self._config.acc_group_delay_s * 1e9)
@@ -96,7 +96,7 @@ class Imu:
         return int(earliest) - 1000
 
     def _generate(self) -> None:
-        """Produce one batch of datagrams and put it on the line."""
+        """Encode one batch of datagrams and send the batch on the line."""
         config = self._config
         n = np.arange(self._next, self._next + self._batch)
         self._next += self._batch

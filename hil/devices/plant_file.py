@@ -101,7 +101,7 @@ class Realtime:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlantFile:
-    """The whole file."""
+    """The content of a plant file."""
 
     __pydantic_config__ = STRICT
     robot: RobotFile

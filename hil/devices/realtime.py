@@ -114,7 +114,7 @@ class BusEnd:
             self.send_errors += self._port.send(due)
 
     def deadline_ns(self) -> int | None:
-        """Return the next wake-up [ns]: last waiting frame (one per SYNC) or own SYNC; or None."""
+        """Return the wake-up time [ns], or None. One wake-up sends all answers to one SYNC."""
         due = [self._queue[-1][0]] if self._queue else []
         if self._producer is not None:
             due.append(self._producer.next_ns())

@@ -49,7 +49,7 @@ class StarTracker:
         self._frame_start_ns = self._start_of_next()
 
     def truth_ns(self, k: IntArray) -> IntArray:
-        """Return the mid-exposure times of solutions k on the host's clock."""
+        """Return the mid-exposure times of solutions k on the host's clock [ns]."""
         instants: IntArray = np.rint(self._t0_ns + k * self._period_ns).astype(np.int64)
         return instants
 

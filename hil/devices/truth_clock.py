@@ -47,7 +47,7 @@ class ClampedHistory:
         return self._history.at(np.clip(t_s, self._history.start_s, self._history.end_s))
 
     def wheels_at(self, t_s: float) -> tuple[FloatArray, FloatArray]:
-        """Return speed and motor torque of every wheel."""
+        """Return speed [rad/s] and motor torque [N m] of every wheel."""
         return self._history.wheels_at(t_s)
 
 

@@ -26,7 +26,7 @@ Edit = Callable[[bytes, np.random.Generator], bytes]
 FrameAction = Callable[[TimedFrame, np.random.Generator], Sequence[TimedFrame]]
 ByteAction = Callable[[TimedBytes, np.random.Generator], Sequence[TimedBytes]]
 
-FAULT_STREAM = 0xFA  # spawn key of a fault's draws, apart from every device's
+FAULT_STREAM = 0xFA  # spawn key of a fault's draws, different from all devices' keys
 FOREVER_NS = 1 << 62
 TPDO1_ID, NODE_MASK = 0x180, 0x7F
 SYNC_BYTES = b"\xa5\xc0\xdb\x75\x90"  # first bytes of frames, so that junk resembles frames
@@ -229,7 +229,7 @@ class FlipEveryBit:
 
 
 def rewrite(edit: Edit) -> ByteAction:
-    """Return the action that replaces a transmission by an edited one (`edit` sets its check)."""
+    """Return the action that edits a transmission; `edit` must set the check value."""
     return lambda item, rng: [(item[0], edit(item[1], rng))]
 
 

@@ -29,7 +29,7 @@ class FloatingRobot:
     ----------
     n : number of joints
     known : (10 (n + 1),) stacked parameters with the unknown bodies' share zero
-    select : (10 (n + 1), 10 len(unknown))
+    select : (10 (n + 1), 10 len(unknown)) map from x to stacked parameters
     """
 
     def __init__(

@@ -29,7 +29,7 @@ BOUND_RATE_HZ = 10.0  # of the sum over the motion; exact to 1e-8 for motions be
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Result:
-    """A final estimate in the flight software's own coordinates, unknown bodies only.
+    """A final estimate of the unknown bodies, in the flight software's coordinates pi.
 
     x (10 b,) and covariance (10 b, 10 b) hold ten parameters pi per unknown body, base first,
     before a projection to the nearest physical body.
@@ -56,12 +56,12 @@ class Case:
 
     @property
     def x_truth(self) -> FloatArray:
-        """True parameters of the unknown bodies, stacked."""
+        """True parameters pi (10 b,) of the unknown bodies, stacked."""
         return stacked(self.truth, self.unknown)
 
     @property
     def x_prior(self) -> FloatArray:
-        """Prior means of the unknown bodies, stacked."""
+        """Prior means of pi (10 b,) of the unknown bodies, stacked."""
         return stacked({b: p.report for b, p in self.priors.items()}, self.unknown)
 
 

@@ -129,7 +129,7 @@ class VirtualCan:
         return ()
 
     def close(self) -> None:
-        """Forget what is queued."""
+        """Discard the queued frames."""
         self._queue.clear()
 
 
@@ -151,7 +151,7 @@ class VirtualSerial:
         return min(due, self._queue[0][0]) if self._queue else due
 
     def read(self) -> list[ByteChunk]:
-        """Return the chunks that have come, stamped now."""
+        """Return the chunks that have arrived, stamped with the present time."""
         now_ns = self._clock.now_ns()
         self.open()
         chunks = self._line.take(now_ns)
@@ -184,7 +184,7 @@ class VirtualSerial:
         return (self._descriptor,)
 
     def close(self) -> None:
-        """Forget what is queued."""
+        """Discard the queued chunks."""
         self._queue.clear()
 
 

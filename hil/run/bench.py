@@ -70,7 +70,7 @@ class Setup:
 
     @property
     def total_s(self) -> float:
-        """Length of the run from the first SYNC."""
+        """Length of the run from the first SYNC [s]."""
         return self.scenario.before_s + self.spline.duration_s + self.scenario.after_s
 
 
@@ -281,7 +281,7 @@ class VirtualRun:
         self._wall_s += time.perf_counter() - began_s
 
     def finish(self, meter: Meter) -> Recorded:
-        """Finish the estimate and return the output of the run."""
+        """Shut the daemon down and return the output of the run."""
         setup, collector, daemon = self.setup, self._collector, self.daemon
         began_s = time.perf_counter()
         final = daemon.shutdown()

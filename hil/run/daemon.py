@@ -38,7 +38,7 @@ class Daemon:
 
     @property
     def latest(self) -> Estimate | None:
-        """The newest estimate."""
+        """The newest estimate, or None."""
         return self.estimation.latest
 
     def step(self) -> Tick:
@@ -46,7 +46,7 @@ class Daemon:
         return self.loop.step()
 
     def run(self, stop: Callable[[], bool]) -> None:
-        """Tick until stopped by `stop` or by a command."""
+        """Run ticks until `stop()` returns True or a command ends the loop."""
         self.loop.run(stop)
 
     def restart(self, found: Restart) -> bool:

@@ -1,6 +1,6 @@
 """Blocks of one run in virtual time, from plant, devices and daemon, without a recording.
 
-It serves measurements that need real blocks but no recording of the user.
+Measurements use these blocks, so that they need no recording from the user.
 """
 
 import tempfile

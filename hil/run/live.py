@@ -47,7 +47,7 @@ class Outcome:
 def free_udp_ports(count: int) -> list[int]:
     """Return different unused UDP ports; no other bench gets them until this process ends.
 
-    A multicast bus opens its port much later, and two benches could open the same port.
+    A multicast bus opens its port much later; without a claim two benches could share it.
     """
     with ExitStack() as probes:
         ports: list[int] = []
@@ -258,7 +258,7 @@ def read_status(path: Path) -> dict[str, Any] | None:
 
 
 def stop_process(process: subprocess.Popen[str], name: str) -> int:
-    """End a process by SIGTERM; return its exit code. Raises LiveError when it does not end."""
+    """End a process by SIGTERM; return its exit code. Raises LiveError if it does not end."""
     process.send_signal(signal.SIGTERM)
     try:
         return process.wait(STOP_TIMEOUT_S)

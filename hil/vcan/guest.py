@@ -45,7 +45,7 @@ def call(result: int, what: str) -> None:
 
 
 def prepare(links: str) -> None:
-    """Mount the kernel's file systems, load the CAN modules, run the lines `links` of `ip`."""
+    """Mount file systems, load the CAN modules, and run `ip -batch` with the lines `links`."""
     libc = ctypes.CDLL(None, use_errno=True)
     for kind, where in MOUNTS:
         Path(where).mkdir(exist_ok=True)

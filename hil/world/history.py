@@ -69,7 +69,7 @@ class TruthState:
 
 @dataclass(frozen=True, eq=False)
 class TruthHistory:
-    """Nodes of one simulation, equally spaced; MuJoCo's quaternion order (w x y z)."""
+    """Equally spaced nodes of one simulation, SI units; quaternions in MuJoCo's order w x y z."""
 
     start_s: float
     dt_s: float
@@ -91,7 +91,7 @@ class TruthHistory:
     centre_N: FloatArray | None = None  # (k, 3) centre of mass of the robot; only with a field
 
     def save(self, path: Path, scenario: str) -> None:
-        """Write the nodes and the name of their scenario; a history with a field has no file form.
+        """Write the nodes and the name of their scenario to a file.
 
         Raises
         ------
@@ -121,12 +121,12 @@ class TruthHistory:
 
     @property
     def t_s(self) -> FloatArray:
-        """Times of the nodes, (k,)."""
+        """Times of the nodes (k,) [s]."""
         return np.asarray(self.start_s + self.dt_s * np.arange(len(self.q)), dtype=np.float64)
 
     @property
     def end_s(self) -> float:
-        """Time of the last node."""
+        """Time of the last node [s]."""
         return self.start_s + self.dt_s * (len(self.q) - 1)
 
     @cached_property
@@ -152,7 +152,7 @@ class TruthHistory:
         )
 
     def at(self, t_s: ArrayLike) -> TruthState:
-        """Evaluate the motion.
+        """Return the state at the times `t_s` [s].
 
         Positions and attitude are quintic Hermite polynomials through position, velocity and
         acceleration of the nodes. Velocities are cubic through velocity and acceleration;
@@ -202,7 +202,7 @@ class TruthHistory:
         )
 
     def wheels_at(self, t_s: float) -> tuple[FloatArray, FloatArray]:
-        """Return speed and motor torque (w,) of every wheel; held before start and after end.
+        """Return speed [rad/s] and motor torque [N m] (w,) of every wheel; constant past the ends.
 
         Raises
         ------

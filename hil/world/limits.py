@@ -1,4 +1,4 @@
-"""The limits every motion must keep (Rackl et al. 2013, eq. 18-20 and section 3.4)."""
+"""The limits that every motion must keep (Rackl et al. 2013, eq. 18-20 and section 3.4)."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -43,7 +43,7 @@ class LimitCheck(NamedTuple):
 def check(
     robot: Robot, history: TruthHistory, limits: Limits | None = None
 ) -> dict[str, LimitCheck]:
-    """Check a whole simulated motion against every limit.
+    """Check a simulated motion against every limit.
 
     Returns
     -------

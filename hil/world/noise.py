@@ -17,7 +17,7 @@ from hil.devices.truth_port import FloatArray
 STRICT = ConfigDict(extra="forbid")
 Reading = Literal["variance", "literal"]
 Decimation = Literal["pick", "average"]
-BLOCK_STREAM = 401  # spawn key of the noise blocks, apart from every device's
+BLOCK_STREAM = 401  # spawn key of the noise blocks, different from all devices' keys
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

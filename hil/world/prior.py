@@ -11,12 +11,12 @@ import numpy as np
 from hil.world.inertia import FloatArray, is_physical
 from hil.world.scenario import BODY_NAMES
 
-PRIOR_STREAM = 71  # spawn key of the prior's draws, apart from every device's
+PRIOR_STREAM = 71  # spawn key of the prior's draws, different from all devices' keys
 OFF_RATIO = (0.3, 0.5)  # error of a prior relative to the value or its floor
 SIGMA_RATIO = 0.5  # rms of this error relative to the prior: 0.4 / (1 -+ 0.4)
 COM_FLOOR_RATIO = 0.3  # of the distance of the centre of mass from the origin
 PRODUCT_FLOOR_RATIO = 0.1  # of the mean moment of inertia
-MARGIN_RATIO = 0.02  # of a prior in the triangle inequality of its moments
+MARGIN_RATIO = 0.02  # least margin of a prior's moments in the triangle inequality
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -65,7 +65,7 @@ class Link:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Robot:
-    """The compiled model: 6 base velocities, slides, wheels, then n joints, carriers first."""
+    """The compiled model: 6 base velocities, slides, wheels, then n joints, parents first."""
 
     model: mujoco.MjModel
     joint_names: tuple[str, ...]

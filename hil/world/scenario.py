@@ -48,7 +48,7 @@ class RobotSection(_Section):
 
 
 class TrajectorySection(_Section):
-    """Joint splines: the motion to learn from and the one to be judged on."""
+    """Files of two motions: for the identification, and for the judgement of the tool error."""
 
     identification: Path
     verification: Path
@@ -98,7 +98,7 @@ class FaultEntry(_Section):
 
 
 class Document(_Section):
-    """A scenario file as written; `sensors` and `flight` may be paths of files to include."""
+    """A scenario file; `sensors`, `flight` and `environment` may be paths of files to include."""
 
     title: str
     robot: RobotSection
@@ -169,7 +169,7 @@ class Scenario:
 
 
 def names(folder: Path = FOLDER) -> list[str]:
-    """Return the names of the scenarios that come with the bench."""
+    """Return the names of the bench's scenarios, sorted."""
     return sorted(path.stem for path in folder.glob("*.yaml"))
 
 

@@ -101,11 +101,11 @@ class ImuSensorConfig:
     gyro_group_delay_s: float = 2.2e-3
     acc_group_delay_s: float = 6.3e-3
     latency_s: float = 3.0e-4  # sample instant to first bit
-    latency_jitter_s: float = 3.0e-5  # uniform, added to latency_s, in the latency field too
+    latency_jitter_s: float = 3.0e-5  # uniform, added to latency_s; the latency field has the sum
     clock_error_ppm: float = 50.0  # bound of the uniform draw
-    startup_s: float = 0.0  # start-up flag set this long after power-on
+    startup_s: float = 0.0  # the start-up flag is set for this time after power-on
     chunking: Chunking = "datagram"
-    chunk_clock_ppm: float = 500.0  # bound of the ms1 frame clock's error, a USB host's by default
+    chunk_clock_ppm: float = 500.0  # bound of the ms1 frame clock's error; default of a USB host
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -128,7 +128,7 @@ class StarTrackerSensorConfig:
     rotation: Literal["inertial_to_tracker", "tracker_to_inertial"] = "inertial_to_tracker"
     subscribed: bool = False  # sends solutions without a request
     chunking: Chunking = "datagram"
-    chunk_clock_ppm: float = 500.0  # bound of the ms1 frame clock's error, a USB host's by default
+    chunk_clock_ppm: float = 500.0  # bound of the ms1 frame clock's error; default of a USB host
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

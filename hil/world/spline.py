@@ -24,7 +24,7 @@ class JointSpline:
 
     Parameters
     ----------
-    duration_s : length of the motion
+    duration_s : length of the motion [s]
     control_points_rad : (k, n) control points on uniform clamped knots; the first and the last
         four rows must each be equal, so that the motion starts and ends at rest
     """

@@ -29,7 +29,7 @@ class SloshMass:
 
     @property
     def pi(self) -> FloatArray:
-        """Return its barycentric parameters (10,) at rest, in the base frame."""
+        """Return the part's pi (10,) at rest in the base frame (see `hil.world.inertia`)."""
         return pi_of(np.array([self.mass_kg, *self.place_m, *np.zeros(6)]))
 
     @property
@@ -59,7 +59,7 @@ class Panel:
 
     @property
     def pi(self) -> FloatArray:
-        """Return its barycentric parameters (10,) at rest, in the base frame."""
+        """Return the part's pi (10,) at rest in the base frame (see `hil.world.inertia`)."""
         com = np.add(self.place_m, self.com_m)
         return pi_of(np.array([self.mass_kg, *com, *self.inertia_kg_m2]))
 

@@ -33,7 +33,7 @@ class Rotor:
 
     @property
     def report(self) -> FloatArray:
-        """Return mass, centre and central inertia (10,) in base axes."""
+        """Return the wheel's report (10,): mass, centre, inertia about the centre, base axes."""
         a = self.unit
         tensor = self.across_kg_m2 * np.eye(3)
         tensor += (self.inertia_kg_m2 - self.across_kg_m2) * np.outer(a, a)
@@ -59,7 +59,7 @@ class WheelSystem:
 
     @cached_property
     def axes(self) -> FloatArray:
-        """Return the axes (3, k)."""
+        """Return the unit axes (3, k) of the k wheels in B."""
         return np.stack([rotor.unit for rotor in self.rotors], axis=1)
 
     @cached_property

@@ -42,7 +42,7 @@ class AtmosphereSection(_Section):
     """Free molecular flow on flat plates; density by JB2006."""
 
     activity: Activity = "moderate"
-    density: Literal["table", "orekit"] = "table"  # embedded, or computed now (extra `orekit`)
+    density: Literal["table", "orekit"] = "table"  # embedded table, or Orekit (extra `orekit`)
     density_kg_m3: Positive | None = None  # constant density instead of JB2006
     normal_accommodation_ratio: Ratio = 1.0
     tangential_accommodation_ratio: Ratio = 0.3
@@ -72,7 +72,7 @@ class CuboidSection(_Section):
 
 
 class EnvironmentSection(_Section):
-    """Forces that act on the robot; null or false switches a part off."""
+    """Forces that act on the robot; null or false switches an effect off."""
 
     orbit: OrbitSection
     gravity_gradient: bool = False
@@ -103,5 +103,5 @@ class EnvironmentSection(_Section):
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> EnvironmentSection:
-        """Validate a YAML mapping; ValueError (pydantic's) for unknown, missing or wrong keys."""
+        """Validate a YAML mapping. Raises pydantic's ValueError for invalid or missing keys."""
         return cls.model_validate(data)

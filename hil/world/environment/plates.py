@@ -35,14 +35,14 @@ class Plates:
 class Air(NamedTuple):
     """Parameters of free molecular flow besides density and velocity."""
 
-    normal: float  # accommodation
+    normal: float  # accommodation ratio
     tangential: float
     wall: float  # sqrt(wall temperature / air temperature)
     thermal_m_s: float  # sqrt(2 R_s T)
 
     @staticmethod
     def of(section: AtmosphereSection) -> Air:
-        """Return the constants of a section."""
+        """Return the parameters from a section of the scenario."""
         specific = GAS_CONSTANT_J_MOL_K / section.molar_mass_kg_mol
         return Air(
             section.normal_accommodation_ratio,
@@ -78,7 +78,7 @@ def uniform_size_m(mass_kg: float, inertia_kg_m2: FloatArray) -> FloatArray:
 
     Raises
     ------
-    ValueError if no cuboid has them.
+    ValueError if no cuboid has these moments.
     """
     square = 6.0 / mass_kg * (inertia_kg_m2.sum() - 2.0 * inertia_kg_m2)
     if not np.all(square > 0):

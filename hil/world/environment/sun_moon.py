@@ -1,4 +1,4 @@
-"""Sun and Moon from the Earth's centre (ERFA), their pull, and the Earth's shadow."""
+"""Sun and Moon from the Earth's centre (ERFA), their gravity, and the Earth's shadow."""
 
 from collections.abc import Callable
 from datetime import datetime
@@ -19,7 +19,7 @@ def epoch_tt(text: str) -> tuple[float, float]:
 
     Raises
     ------
-    ValueError if the text is no such time.
+    ValueError if the text is not ISO 8601.
     """
     t = datetime.fromisoformat(text)
     seconds = t.second + 1e-6 * t.microsecond

@@ -172,7 +172,7 @@ def _add_gravity(
     mass_kg: FloatArray, moments: FloatArray, centres: FloatArray, axes: FloatArray,
     up: FloatArray, rate_rad_s: float, uniform: FloatArray, applied: FloatArray,
 ) -> None:  # fmt: skip
-    """Add the gradient's wrench and the uniform pull to every body; rate 0: no gradient."""
+    """Add the gradient's wrench and the uniform gravity to every body; rate 0: no gradient."""
     middle, place, total = np.zeros(3), np.zeros(3), 0.0
     for body in range(mass_kg.shape[0]):
         total += mass_kg[body]
