@@ -1,4 +1,4 @@
-"""Information of a trajectory about the unknown bodies, by the solver's own rows."""
+"""The information of a trajectory about the unknown bodies, from the rows that the solver uses."""
 
 from dataclasses import dataclass
 
@@ -21,7 +21,7 @@ class Growth:
 
 
 def information_rows(subject: Subject, trajectory: Trajectory, rate_hz: float) -> FloatArray:
-    """Return (m, r, s): the whitened rows of every sample, scaled by the root of its length."""
+    """Return the whitened rows (m, r, s) of every sample, times the square root of the step."""
     layout, z = free_layout(trajectory)
     grid = Grid(layout, rate_hz)
     inputs = [*grid.motion(z), np.tile(subject.x[:, None], (1, grid.count))]
@@ -52,7 +52,7 @@ def growth(subject: Subject, trajectory: Trajectory, rate_hz: float, step: int =
 def all_criteria(
     subject: Subject, trajectory: Trajectory, rate_hz: float, gamma: criteria.Gamma
 ) -> dict[str, float]:
-    """Return every criterion as it is reported (conditions and extremes exact)."""
+    """Return every criterion by name as reported: exact, without logarithm and power mean."""
     values = fused_criteria(subject, information_root(subject, trajectory, rate_hz))
     layout, z = free_layout(trajectory)
     grid = Grid(layout, rate_hz)
@@ -66,7 +66,7 @@ def all_criteria(
 
 
 def fused_criteria(subject: Subject, root: FloatArray) -> dict[str, float]:
-    """Return the fused criteria of an information root."""
+    """Return the fused criteria of an information root by name, as reported."""
     values = {
         name: float(np.exp(criteria.fused(name, root, subject.scale).value))
         for name in ("sigma", "d", "a")

@@ -1,8 +1,8 @@
 """The base's attitude since the start: the quadrature of its rate, and its derivative.
 
-With zero momentum the rate is algebraic, so the attitude is one product of rotations
-R_k+1 = R_k exp(h [w_k x]) over samples at the middle of equal steps. A change of one rate turns
-all later attitudes; for the angle |phi|, phi = log R_k+1, R_k+1 phi = phi makes that one sum:
+With zero momentum the rate is an algebraic function of the joint motion, so the attitude is a
+product of rotations R_k+1 = R_k exp(h [w_k x]), with rates at the middle of equal steps h. A change
+of one rate changes all later attitudes. With phi_k = log R_k+1, R_k+1 phi_k = phi_k, therefore
 
     d |phi_k|^2 / 2 = phi_k . sum_{i <= k} h R_i+1 J_r(h w_i) dw_i
 """
@@ -15,7 +15,7 @@ from fsw.messages import FloatArray
 
 
 def attitudes(w_B: FloatArray, step_s: float | FloatArray) -> FloatArray:
-    """Return R_k+1 (m, 3, 3) from body rates (m, 3) at the middle of steps, one or (m, 1) [s]."""
+    """Return attitudes (m, 3, 3) at the ends of steps [s] from rates w_B (m, 3) at their middle."""
     steps = Rotation.from_rotvec(step_s * w_B).as_matrix()
     R, result = np.eye(3), np.empty_like(steps)
     for k, step in enumerate(steps):
@@ -25,7 +25,7 @@ def attitudes(w_B: FloatArray, step_s: float | FloatArray) -> FloatArray:
 
 
 def excursions(R: FloatArray) -> FloatArray:
-    """Return rotation vectors (m, 3) of attitudes since the start."""
+    """Return the rotation vectors (m, 3) [rad] of attitudes R (m, 3, 3) since the start."""
     return np.asarray(Rotation.from_matrix(R).as_rotvec())
 
 
@@ -38,7 +38,7 @@ def half_square_gradient(
 
 
 def right_jacobian(phi: FloatArray) -> FloatArray:
-    """Return J_r (m, 3, 3): exp(phi + d) = exp(phi) exp(J_r d).
+    """Return the right Jacobian J_r (m, 3, 3) of SO(3): exp(phi + d) = exp(phi) exp(J_r d).
 
     Source: Sola, Deray, Atchuthan (2018), eq. (143).
     """

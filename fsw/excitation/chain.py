@@ -1,8 +1,8 @@
-"""The free-floating arms as CasADi expressions: every quantity at the base origin, in base axes.
+"""The free-floating arms as CasADi expressions: all quantities at the base origin, in base axes.
 
-Spatial vectors are [linear; angular] as in Pinocchio. With everything expressed at one point each
-joint is one projection axis S_i (6,), composite inertias are plain sums and the base needs no
-transformation. The geometry is read from the Pinocchio model, which is also the tests' oracle.
+Spatial vectors are [linear; angular] as in Pinocchio. Because all quantities refer to one point,
+each joint is one axis S_i (6,), composite inertias are plain sums and the base needs no
+transformation. The geometry is read from the Pinocchio model, the reference of the tests.
 
 Source: Featherstone, Rigid Body Dynamics Algorithms (2008), chs. 5, 6 and 9.
 """
@@ -23,21 +23,21 @@ class Geometry:
     """Geometry of the arms for the expressions: placements, axes and the tool."""
 
     parents: tuple[int, ...]  # body that carries joint i: 0 the base, k + 1 the link of joint k
-    tool_body: int  # body that grasps
-    R: tuple[FloatArray, ...]  # joint i in its parent at zero, (3, 3)
-    p: tuple[FloatArray, ...]  # (3,)
+    tool_body: int  # body that carries the tool frame
+    R: tuple[FloatArray, ...]  # (3, 3) rotation of joint i at zero in its parent's frame
+    p: tuple[FloatArray, ...]  # (3,) its position [m]
     axis: tuple[FloatArray, ...]  # (3,) in the joint's own frame
-    slides: tuple[bool, ...]  # along its axis, instead of turning about it
-    R_tool: FloatArray  # tool frame in that body's frame
+    slides: tuple[bool, ...]  # whether joint i is prismatic
+    R_tool: FloatArray  # tool frame in the frame of `tool_body`
     p_tool: FloatArray
-    pi_links: FloatArray  # (10 (n + 1),) base and links alone
+    pi_links: FloatArray  # (10 (n + 1),) parameters of base and links, without a target
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Pose:
-    """The arms at one joint position: frames, axes and all bodies' spatial inertias in B."""
+    """The arms at one joint position: frames and joint axes in B."""
 
-    R: list[ca.SX]  # of joint frames, base first
+    R: list[ca.SX]  # of the frames of base and joints, base first
     p: list[ca.SX]
     R_tool: ca.SX
     p_tool: ca.SX
@@ -45,7 +45,7 @@ class Pose:
     parents: tuple[int, ...]
 
     def ancestors(self, body: int) -> list[int]:
-        """Return the joints that carry a body, its own first."""
+        """Return the joints between the base and a body, the body's own joint first."""
         found = []
         while body > 0:
             found.append(body - 1)
@@ -120,13 +120,13 @@ def motion_cross(V: ca.SX, S: ca.SX) -> ca.SX:
 
 
 def force_cross(V: ca.SX, F: ca.SX) -> ca.SX:
-    """Return V x* F of a motion and a force vector (columns of F one by one)."""
+    """Return V x* F of a motion vector V and the force vectors in the columns of F."""
     v, w = ca.skew(V[:3]), ca.skew(V[3:])
     return ca.vertcat(w @ F[:3, :], v @ F[:3, :] + w @ F[3:, :])
 
 
 def momentum_columns(V: ca.SX) -> ca.SX:
-    """Return L (6, 10) with I V = L pi for a body whose frame is the one V is given in."""
+    """Return L (6, 10) with I V = L pi; V and the body's parameters pi are in the same frame."""
     v, w = V[:3], V[3:]
     x, y, z = w[0], w[1], w[2]
     zero = ca.SX(1, 1)
@@ -138,29 +138,29 @@ def momentum_columns(V: ca.SX) -> ca.SX:
 
 
 def body_columns(V: ca.SX, A: ca.SX, R: ca.SX, p: ca.SX) -> ca.SX:
-    """Return (6, 10): force at B's origin that moves a body of frame (R, p) with V, A (in B)."""
+    """Return Y (6, 10): Y pi is the force at B's origin that moves a body in (R, p) with V, A."""
     Ve, Ae = _into(V, R, p), _into(A, R, p)
     return _back(momentum_columns(Ae) + force_cross(Ve, momentum_columns(Ve)), R, p)
 
 
 def carried_momentum(V: ca.SX, R: ca.SX, p: ca.SX) -> ca.SX:
-    """Return (6, 10): momentum about B's origin of a body of frame (R, p) moving with V (in B)."""
+    """Return L (6, 10): L pi is the momentum about B's origin of a body in frame (R, p) with V."""
     return _back(momentum_columns(_into(V, R, p)), R, p)
 
 
 def _into(V: ca.SX, R: ca.SX, p: ca.SX) -> ca.SX:
-    """Motion vector at B's origin to the one at p, in the axes of R."""
+    """Return a motion vector, given at B's origin in B, at point p in the axes of R."""
     return ca.vertcat(R.T @ (V[:3] + ca.cross(V[3:], p)), R.T @ V[3:])
 
 
 def _back(F: ca.SX, R: ca.SX, p: ca.SX) -> ca.SX:
-    """Force columns at p in the axes of R to B's origin and axes."""
+    """Return force columns, given at point p in the axes of R, at B's origin in B."""
     force = R @ F[:3, :]
     return ca.vertcat(force, R @ F[3:, :] + ca.skew(p) @ force)
 
 
 def velocities(arm: Pose, w: ca.SX, qd: ca.SX) -> tuple[list[ca.SX], list[ca.SX]]:
-    """Return every body's velocity and velocity-product acceleration, base at [0; w]."""
+    """Return every body's velocity and velocity-product acceleration; the base moves by [0; w]."""
     V, A = [ca.vertcat(ca.SX(3, 1), w)], [ca.SX(6, 1)]
     for k, S in enumerate(arm.S):
         parent = arm.parents[k]
@@ -170,7 +170,7 @@ def velocities(arm: Pose, w: ca.SX, qd: ca.SX) -> tuple[list[ca.SX], list[ca.SX]
 
 
 def all_parameters(arm: Geometry, base: ca.SX | None, target: ca.SX | None) -> list[ca.SX]:
-    """Return parameters (10,) of base and links; `base` (when given) replaces the URDF's."""
+    """Return the parameters (10,) of base, links and target; `base` replaces the URDF's base."""
     links = arm.pi_links.reshape(-1, PARAMETERS)
     bodies = [ca.SX(row) for row in links]
     if base is not None:
@@ -181,5 +181,5 @@ def all_parameters(arm: Geometry, base: ca.SX | None, target: ca.SX | None) -> l
 
 
 def _clean(R: FloatArray) -> FloatArray:
-    """Drop rounding in a constant rotation so that exact zeros stay out of the expressions."""
+    """Set rounding errors of a constant rotation to zero, so that the expressions stay sparse."""
     return np.where(np.abs(R) < 1e-15, 0.0, R)

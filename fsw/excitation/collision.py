@@ -18,7 +18,7 @@ from fsw.messages.errors import ConfigError
 
 
 class Collisions:
-    """The pairs of bodies that may collide; `names` says which."""
+    """The pairs of bodies that may collide; `names` are the names of the pairs."""
 
     def __init__(self, geometry: pin.GeometryModel, model: RobotModel) -> None:
         self._model, self._geometry = model.model, geometry
@@ -31,10 +31,10 @@ class Collisions:
     def distances(
         self, q_rad: FloatArray, *, derivatives: bool = False
     ) -> tuple[FloatArray, FloatArray]:
-        """Return distances (m, k) [m], negative inside each other, and d/dq (m, k, n).
+        """Return the pairs' distances (m, k) [m], negative if they overlap, and d/dq (m, k, n).
 
-        The derivative is that of the pair's nearest points along the line between them; zeros when
-        not asked for.
+        The derivative is that of the nearest points along the line between them. It is zero unless
+        `derivatives` is set.
         """
         n = self._model.nv - 6
         values = np.empty((len(q_rad), len(self._pairs)))
@@ -109,5 +109,5 @@ def build_collisions(
 
 
 def _joined(model: pin.Model, a: int, b: int) -> bool:
-    """Return whether two bodies are one, or one carries the other: they may touch."""
+    """Return whether two bodies, given by their joints, are on the same or neighbouring links."""
     return a == b or int(model.parents[a]) == b or int(model.parents[b]) == a

@@ -1,10 +1,10 @@
-"""Criteria on the information a motion gives, each with its derivative.
+"""Criteria on the information that a motion gives, each with its derivative.
 
-All are functions of the triangular root of the information F = R^T R of the full state, prior
-included, of the root of the torque regressor's Gram matrix M, and of the sum of |torque|; the
-smaller, the better. (Roots, because F and M themselves would lose half of the digits.) Fused
-criteria look at the covariance C of the reported quantities (mass, centre of mass, central
-inertia), nuisances marginalised, divided by their prior sigmas where units must not matter:
+All are functions of the triangular root R of the information F = R^T R of the full state, prior
+included, of the root of the torque regressor's Gram matrix M, and of the time integral of |torque|.
+Smaller is better. (Roots are used because F and M themselves would lose half of the digits.) Fused
+criteria use the covariance C of the reported quantities (mass, centre of mass, central inertia)
+with all other states marginalised, in units of the prior sigmas where units must not matter:
 
     sigma  mean of log sigma (weighted): the geometric mean of the sigmas
     d      log det C / 2 of the quantities with weight        a  trace of W C W
@@ -27,12 +27,12 @@ from fsw.messages import FloatArray
 Name = Literal["sigma", "d", "a", "e", "cond", "gamma"]
 NAMES: tuple[Name, ...] = ("sigma", "d", "a", "e", "cond", "gamma")
 REGRESSOR_CRITERIA = ("cond", "gamma")
-POWER = 8  # of the power mean in place of an extreme eigenvalue
+POWER = 8  # exponent of the power mean that replaces an extreme eigenvalue
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scale:
-    """Matrix from the covariance of the state to that of the reported quantities."""
+    """Jacobian of the reported quantities by the bodies' states, their prior sigmas and weights."""
 
     T: FloatArray  # (p, p) d(report)/d(pi)
     prior_sigma: FloatArray  # (p,) of the reported quantities
@@ -41,7 +41,7 @@ class Scale:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Gamma:
-    """Weights of the paper's criterion: per unit of condition number, and times N m."""
+    """Weights of the paper's criterion: xi1 of the condition number, xi2 [N m s] of the torque."""
 
     xi1: float
     xi2: float
@@ -49,7 +49,7 @@ class Gamma:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Value:
-    """A criterion to minimise and its derivatives by F, M and sum |tau|."""
+    """A criterion to minimise and its derivatives by F, M and the integral of |tau| (effort)."""
 
     value: float
     by_F: FloatArray | None = None
@@ -118,7 +118,7 @@ def fused(name: str, R: FloatArray, scale: Scale) -> Value:
 
 
 def regressor(name: str, R: FloatArray, effort: float, gamma: Gamma) -> Value:
-    """Return cond (its logarithm) or gamma, with derivatives by M = R^T R and sum |tau| [N m]."""
+    """Return log cond or gamma, with derivatives by M = R^T R and by the effort [N m s]."""
     _, singular, transposed = np.linalg.svd(R)
     values, vectors = np.maximum(singular, 1e-150) ** 2, transposed.T
     top, top_slope = _power_mean(values)
@@ -143,7 +143,7 @@ def exact_condition(R: FloatArray) -> float:
 
 
 def largest_sigma(R: FloatArray, scale: Scale) -> float:
-    """Return the e criterion without the power mean: largest sigma in units of the prior's."""
+    """Return the e criterion without the power mean: the largest sigma in prior sigmas."""
     W = np.sqrt(scale.weights) / scale.prior_sigma
     C = report_covariance(R, scale)
     return float(np.sqrt(np.linalg.eigvalsh(C * np.outer(W, W))[-1]))

@@ -1,8 +1,8 @@
 """One design problem: criterion and limits as functions of a trajectory's free control points.
 
 Samples lie at the middle of equal steps. Criterion and limits are differentiated exactly: the
-criterion in reverse (one sweep of the per-sample functions, whatever the number of variables), the
-limits forward, sample by sample, where each row depends on few control points.
+criterion in reverse mode (one sweep of the per-sample functions for any number of variables), the
+limits in forward mode, sample by sample, because each row depends on few control points.
 """
 
 from collections.abc import Sequence
@@ -26,8 +26,8 @@ EFFORT_SMOOTHING_NM = 1e-3  # |tau| as sqrt(tau^2 + this^2)
 class DesignRows:
     """Limit rows lower <= value <= upper of one kind, over all samples, and their Jacobian.
 
-    `power` 1: value times `size` is in `unit`; 2: its square root is. Values of shares are 1 at the
-    bound.
+    For `power` 1, `value * size` is in `unit`; for `power` 2, `sqrt(value) * size` is. A value that
+    is a share of its bound is 1 at the bound.
     """
 
     kind: str
@@ -41,7 +41,7 @@ class DesignRows:
 
 
 class Grid:
-    """A motion's samples at the middle of equal steps, as linear functions of the variables."""
+    """Samples of a motion at the middle of equal steps, as linear functions of the variables z."""
 
     def __init__(self, layout: SplineLayout, rate_hz: float) -> None:
         self.count = int(np.ceil(layout.duration_s * rate_hz))
@@ -51,13 +51,13 @@ class Grid:
         self.weights = layout.weights(self.t_s)
 
     def motion(self, z: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return q, qd, qdd as (n, m) columns."""
+        """Return q, qd, qdd, each (n, m), with one column per sample [rad or m, s]."""
         points = z.reshape(self.layout.rows, self.layout.n)
         q, qd, qdd = (self.weights[d] @ points for d in range(3))
         return q.T.copy(), qd.T.copy(), qdd.T.copy()
 
     def pulled_back(self, seeds: FloatArray) -> FloatArray:
-        """Return the gradient by z of a function with seeds (3 n, m) of [q; qd; qdd]."""
+        """Return the gradient (v,) by z of a function with gradient (3 n, m) by [q; qd; qdd]."""
         n = self.layout.n
         parts = [self.weights[d].T @ seeds[d * n : (d + 1) * n].T for d in range(3)]
         return np.asarray(np.sum(parts, axis=0).ravel())
@@ -90,7 +90,7 @@ class Criterion:
         return self.value(z), gradient / len(self.members)
 
     def _all(self, z: FloatArray) -> list[tuple[criteria.Value, FloatArray, FloatArray]]:
-        """Return every member's forward sweep; the last one is kept for its gradient."""
+        """Return the forward sweep of every member; the sweeps of the last z are cached."""
         key = z.tobytes()
         if self._last[0] != key:
             self._last = (key, [self._forward(z, x) for x in self.members])
@@ -164,7 +164,7 @@ class LimitRows:
     def rows(
         self, z: FloatArray, members: Sequence[FloatArray], *, derivatives: bool = False
     ) -> list[DesignRows]:
-        """Return every limit's rows; parameters matter only for those of the dynamics."""
+        """Return the rows of every limit; only dynamic limits depend on `members`, (p,) each."""
         found = self._joint_rows(z, derivatives)
         for k, x in enumerate(members):
             found += self._dynamic_rows(z, x, derivatives, geometric=k == 0)

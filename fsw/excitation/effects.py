@@ -1,8 +1,8 @@
-"""The effects whose size a configuration or its URDF declares, and what each costs if left out.
+"""The effects whose size a configuration or its URDF declares, and the error of leaving each out.
 
-The size of an effect with states of its own is their prior sigma. Wheels hold the base still as far
-as their torques go; thrusters fire as the motion has it; modes swing as it drives them; an orbit
-that is not configured is taken as a low one; group delays are not subtracted.
+The size of an effect that has states is their prior sigma. Otherwise: wheels hold the base still
+within their torque limits; thrusters fire as the motion says; modes swing as the motion drives
+them; if no orbit is configured, a low one is assumed; group delays are not subtracted.
 """
 
 from collections.abc import Iterator, Sequence
@@ -33,7 +33,7 @@ from fsw.messages import FloatArray, IntArray
 
 LOW_ORBIT_RAD_S = 1.16e-3  # mean motion at 300 km
 FIRING_S = 1.0
-STATES = {  # by kind of state: words, key, unit
+STATES = {  # by kind of state: name of the effect, configuration key, unit
     "friction_coulomb": ("Coulomb friction", "joints[].friction_coulomb_sigma_nm", "N m"),
     "friction_viscous": (
         "viscous friction",
@@ -68,13 +68,13 @@ STATES = {  # by kind of state: words, key, unit
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cost:
-    """What leaving one effect out does to the masses."""
+    """The errors of the masses if one effect is left out of the model."""
 
-    effect: str  # with its size
+    effect: str  # name and size
     key: str
     is_modelled: bool
-    mass_kg: tuple[float, ...]  # error of each unknown body's
-    sigmas: tuple[float, ...]  # the same in units of its predicted sigma
+    mass_kg: tuple[float, ...]  # mass error of each unknown body
+    sigmas: tuple[float, ...]  # the same errors in units of the predicted sigma
 
     def text(self, bodies: Sequence[str]) -> str:
         """Return one line: effect, whether it is modelled, and its cost."""
@@ -87,8 +87,8 @@ class Cost:
 
 
 def told(config: Config, problem: Problem, motion: Trajectory | None) -> list[str]:
-    """Return the costs as lines; without a motion, of the nominal one. None without joints."""
-    if not problem.model.n:  # the mass of such a body is never told
+    """Return the costs as lines, by default of the nominal motion; no lines without joints."""
+    if not problem.model.n:  # without joints, no mass can be identified
         return []
     trajectory = motion or nominal_motion(config, problem.model)
     words = "this motion" if motion else "a motion in which every joint swings"
@@ -105,7 +105,7 @@ def told(config: Config, problem: Problem, motion: Trajectory | None) -> list[st
 
 
 def undeclared(config: Config, problem: Problem) -> list[str]:
-    """Return the effects that nothing gives a size of, each with the key that does."""
+    """Return the effects without a declared size, each with the key that would declare the size."""
     full = build_problem(with_sizes(config, problem.model), problem.model)
     kinds = {name.partition(".")[0] for name in full.names}
     impossible = {
@@ -134,7 +134,7 @@ def undeclared(config: Config, problem: Problem) -> list[str]:
 
 
 def costs(config: Config, problem: Problem, trajectory: Trajectory) -> list[Cost]:
-    """Return the cost of every effect with a declared size along a motion, ignored ones first."""
+    """Return the cost of every effect of declared size along a motion, unmodelled effects first."""
     flight = _Flight(config, problem, trajectory)
     if not flight.blocks:
         return []
@@ -150,7 +150,7 @@ def costs(config: Config, problem: Problem, trajectory: Trajectory) -> list[Cost
 
 
 class _Flight:
-    """A motion as the configuration has it, and what leaving a section out makes of it."""
+    """The blocks of a motion under a configuration, and the errors of leaving effects out."""
 
     def __init__(self, config: Config, problem: Problem, trajectory: Trajectory) -> None:
         self.config, self.problem, self.trajectory = config, problem, trajectory
@@ -160,17 +160,17 @@ class _Flight:
 
     @cached_property
     def information(self) -> Information:
-        """Return the rows of the configured problem."""
+        """Return the estimator's rows of the configured problem."""
         return Information(self.problem, _method(self.config), self.blocks)
 
     def unknown(self, values: Sequence[FloatArray]) -> Shift:
-        """Return the cost of channels (m, n + 6) that the model does not explain."""
+        """Return the error from measured channels (m, n + 6) that the model does not explain."""
         return self.information.shift(measured(self.blocks, values))
 
     def without(
         self, section: str, values: Sequence[FloatArray], rest: tuple[Section, ...] = ()
     ) -> tuple[Problem, Shift]:
-        """Return the problem with only the rest of a section, and what channels with all cost."""
+        """Return the problem with only `rest` of a section, and the error if `values` have all."""
         config = self.config.model_copy(update={section: rest})
         problem = problem_of(config, self.problem.model)
         blocks = measured(blocks_along(config, problem, self.trajectory), values)
@@ -178,13 +178,13 @@ class _Flight:
 
 
 def problem_of(config: Config, model: RobotModel) -> Problem:
-    """Return the problem that a configuration's estimator has."""
+    """Return the estimation problem of a configuration."""
     return build_problem(config, model, exact=config.estimator.is_regression)
 
 
 def _method(config: Config) -> str:
     own = config.estimator.method
-    return "fused" if own == "mrnea" else own  # whose rows know every effect
+    return "fused" if own == "mrnea" else own  # its rows contain every effect
 
 
 def _of_states(flight: _Flight) -> Iterator[Cost]:
@@ -208,7 +208,7 @@ def _of_states(flight: _Flight) -> Iterator[Cost]:
 
 
 def _amplitudes(config: Config) -> str:
-    """Return by how much modes may be from rest, in words: the most of liquid, and of panels."""
+    """Return the largest 1 sigma start amplitudes of liquid [m] and panels [rad] as words."""
     found = []
     for kind, words, unit in (("slosh", "liquid", "m"), ("panel", "panels", "rad")):
         own = [mode.amplitude for mode in config.modes if mode.kind == kind]
@@ -217,9 +217,9 @@ def _amplitudes(config: Config) -> str:
 
 
 def with_sizes(config: Config, model: RobotModel) -> Config:
-    """Return a configuration with the sizes that are declared elsewhere than at an effect's key.
+    """Return a configuration completed by effect sizes that are declared at other keys.
 
-    Friction that the URDF has, and the momentum that the wheels can hold.
+    These are the friction in the URDF and the momentum that the wheels can store.
     """
     order = joint_order(config, model)
     joints = list(config.joints)
@@ -322,7 +322,7 @@ def _of_delays(flight: _Flight) -> Iterator[Cost]:
 
 
 def _masses(problem: Problem, shift: Shift) -> tuple[FloatArray, FloatArray]:
-    """Return the error of every unknown body's mass, and in predicted sigmas."""
+    """Return the mass error of every unknown body [kg], and the same in predicted sigmas."""
     masses = np.arange(len(problem.unknown)) * PARAMETERS
     return shift.error[masses], shift.error[masses] / shift.sigma[masses]
 

@@ -1,4 +1,4 @@
-"""Trajectories for others: CSV samples, and YAML in the shape of a ROS JointTrajectory message."""
+"""Export of trajectories: CSV samples, and YAML in the shape of a ROS JointTrajectory message."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,7 +10,7 @@ from fsw.excitation.spline import Trajectory
 
 
 def sample_times(trajectory: Trajectory, rate_hz: float) -> np.ndarray:
-    """Return times from start to end, both included, at least `rate_hz` dense."""
+    """Return equally spaced times from start to end [s], both included, at `rate_hz` or more."""
     count = int(np.ceil(trajectory.duration_s * rate_hz)) + 1
     return np.linspace(0.0, trajectory.duration_s, count)
 
@@ -20,7 +20,7 @@ def write_csv(
 ) -> None:
     """Write time, positions, velocities, accelerations and jerks, one row per sample.
 
-    `joints` : rad or m by name, in the model's order
+    `joints` : unit (rad or m) by joint name, in the model's order
     """
     t_s = sample_times(trajectory, rate_hz)
     header = ["t_s"]

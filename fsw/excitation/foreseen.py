@@ -1,10 +1,10 @@
-"""Prediction of a flight of a motion: the estimator's own rows, from samples of the model.
+"""Prediction of the information that a motion gives, by the estimator's own rows.
 
-The planner's rows know bodies, offsets, biases and momentum. Here nothing is left out: the motion
+The planner's rows contain bodies, torque offsets and scales, biases and momentum. Here the motion
 is sampled as the devices would, conditioned as in flight, and every state of the configuration is
-there, with its prior: wrenches, friction, links and mounting in doubt, wheels, thrusters, modes;
-an orbit's gravity gradient and the noise that no model has count as well. Rates and attitude are
-those of zero momentum, without firings: what these change acts through the predicted rows.
+included with its prior: wrenches, friction, uncertain links and mounting, wheels, thrusters, modes.
+An orbit's gravity gradient and the model's noise count as well. Base rate and attitude are those of
+zero momentum without firings; momentum and firings act through the predicted rows only.
 """
 
 from collections.abc import Sequence
@@ -53,7 +53,7 @@ def whole_problem(subject: Subject) -> tuple[Problem, FloatArray]:
 
 
 def foreseen_blocks(subject: Subject, trajectory: Trajectory) -> list[Block]:
-    """Return the blocks of the windows that a motion fills, the base's rate by zero momentum."""
+    """Return the blocks of all whole windows of a motion, with the base's rate of zero momentum."""
 
     def signals(t_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         q, qd, qdd = (part.T for part in trajectory.evaluate(t_s)[:3])

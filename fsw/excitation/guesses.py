@@ -1,4 +1,4 @@
-"""Motions to begin from: random ones that keep the limits, and the nearest one that does."""
+"""Start motions: random ones that keep the limits, and the feasible one nearest to a motion."""
 
 from collections.abc import Mapping, Sequence
 
@@ -10,19 +10,19 @@ from fsw.excitation.limits import MotionLimits
 from fsw.excitation.spline import SplineLayout
 from fsw.messages import FloatArray
 
-FIRST_MARGIN = 0.01  # of a bound of any limit but torque, in the first round (metres for distances)
-START_RANGE = 0.6  # of a joint's range, for random start poses
+FIRST_MARGIN = 0.01  # first margin of limits but torque, share of the bound (metres for distances)
+START_RANGE = 0.6  # share of a joint's range for random start poses
 START_TRIES = 200
-FREE_M = 1.0  # taken as the range of a prismatic joint that has none
+FREE_M = 1.0  # assumed range to either side of a prismatic joint without a range
 
 
 class Guesses:
-    """Spline coefficients z, all of them in one row, by the limits on the optimiser's grid.
+    """Finds start motions, as flat variables z, that keep the limits on the optimiser's grid.
 
     Parameters
     ----------
-    members : parameters of the prior set, (p,) each
-    fixed : coefficients that are given, by place
+    members : parameter vectors of the prior set, (p,) each
+    fixed : values of fixed variables, by index in z
     """
 
     def __init__(
@@ -37,11 +37,11 @@ class Guesses:
         self.members, self.fixed = members, fixed
 
     def random_feasible(self, rng: np.random.Generator) -> FloatArray | None:
-        """Return random coefficients with their amplitude bisected up to the first active limit.
+        """Return a random motion with its amplitude bisected up to the first active limit.
 
-        (A start for the solver is shrunk further, so that it passes the dense check as well.)
+        The planner shrinks it further, so that it passes the dense check as well.
 
-        None when no motionless start pose keeps the limits, or the end pose is given too.
+        Return None when no motionless start pose keeps the limits, or when an end pose is given.
         """
         if self.limits.end_rad is not None:
             return None
@@ -66,12 +66,12 @@ class Guesses:
         return np.asarray((rest + low * direction).ravel())
 
     def feasible(self, z: FloatArray) -> bool:
-        """Return whether all limits hold on the optimiser's grid, a margin kept, for every body."""
+        """Return whether all limits hold on the optimiser's grid for every member."""
         rows = self.rows.rows(z, self.members)
         return all(bool(np.all(r.value <= r.upper) and np.all(r.value >= r.lower)) for r in rows)
 
     def nearest_feasible(self, z: FloatArray, in_set: Sequence[int] = (0,)) -> FloatArray:
-        """Return variables with a locally smallest sum of squared violations."""
+        """Return a motion near z that locally minimises the sum of squared violations."""
         members = [self.members[k] for k in in_set]
         free = np.array([k for k in range(z.size) if k not in self.fixed])
 
@@ -93,7 +93,7 @@ class Guesses:
         return nearest
 
     def random_motion(self, rng: np.random.Generator) -> FloatArray:
-        """Return a smooth way from the start pose to the end pose, or a small random motion."""
+        """Return a smooth motion from start to end pose, or without end pose a small random one."""
         start = self._pose(rng)
         if self.limits.end_rad is None:
             points = start + 0.05 * rng.uniform(-1.0, 1.0, (self.layout.rows, self.layout.n))

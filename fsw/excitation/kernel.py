@@ -5,8 +5,8 @@ At zero momentum the base's motion is algebraic in (q, qd, qdd), as in `measurem
     nu  = -H_bb^-1 H_bm qd,   a_b = -H_bb^-1 (c_b + H_bm qdd),   tau = c_m + H_bm^T a_b + H_m qdd
     J_nu = -H_bb^-1 Y_h,      J_a = -H_bb^-1 (Y_b + C_b J_w),     J_tau = Y_m + H_bm^T J_a + C_m J_w
 
-so no differential equation is left but the base's attitude, a quadrature of w. Derivatives of all
-of it by q, qd, qdd come from CasADi's algorithmic differentiation.
+so the only differential equation left is that of the base's attitude, a quadrature of w. CasADi's
+algorithmic differentiation gives all derivatives by q, qd, qdd.
 """
 
 from dataclasses import dataclass
@@ -29,21 +29,21 @@ from fsw.excitation.chain import (
 from fsw.excitation.noise import NoiseModel
 from fsw.messages import FloatArray
 
-MOTION_OUTPUTS = 12  # base's w, wd, tool's place, base's acceleration; three each
+MOTION_OUTPUTS = 12  # base's w and wd, tool's position, base's acceleration; three each
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Kernel:
-    """CasADi functions of one sample; all take (q, qd, qdd, x) with x the unknown bodies' pi.
+    """CasADi functions of one sample with arguments (q, qd, qdd, x); x is the unknown bodies' pi.
 
     Attributes
     ----------
     motion : -> g (n + 12,): torque, w_NB_B, wd_NB_B, p_BE_B, a_NB_B of the base's origin
     motion_jacobian : -> g, (n + 12, 3 n) its derivative by [q; qd; qdd]
-    information : -> X (r, s): rows of the state whitened per second of data
-    information_adjoint : with the seed of X -> seed of [q; qd; qdd] (3 n,)
+    information : -> X (r, s): whitened rows of the state for one second of data
+    information_adjoint : with a fifth argument, the seed of X -> gradient by [q; qd; qdd] (3 n,)
     regressor : -> [J_tau (n, p), tau (n,)], unweighted
-    regressor_adjoint : likewise
+    regressor_adjoint : with two more arguments, the seeds of J_tau and tau -> gradient (3 n,)
     predictions : -> [tau; f; w] (n + 6,), [J_tau; J_f; J_w] (n + 6, p)
     signals : -> [tau; f; w] (n + 6,)
     """
@@ -68,7 +68,7 @@ class _Sample:
     w: ca.SX
     a: ca.SX  # (6,) base acceleration
     p_tool: ca.SX
-    H_bb: ca.SX  # factor of it
+    H_bb: ca.SX  # Cholesky factor of H_bb
     H_bm: ca.SX
     H_m: ca.SX
     Y_h: ca.SX  # (6, p)
@@ -188,7 +188,7 @@ def _bias_forces(
 ) -> tuple[ca.SX, ca.SX, list[ca.SX], list[ca.SX]]:
     """Return generalised forces (6 + n) at zero base acceleration, d/dw, velocities, accelerations.
 
-    A change e of w turns every velocity by [0; e] and every acceleration by [0; e] x (V_k - V_0).
+    A change e of w adds [0; e] to every velocity and [0; e] x (V_k - V_0) to every acceleration.
     """
     w, qd, qdd = motion
     n = len(at.S)
@@ -233,8 +233,8 @@ def _rows(s: _Sample, noise: NoiseModel) -> tuple[ca.SX, ca.SX, ca.SX]:
 def _whitened(J: ca.SX, D: ca.SX, noise: NoiseModel, s: _Sample) -> ca.SX:
     """Return [J, nuisance columns] whitened by white noise and the joints' own derivative noise.
 
-    The gyro's last block of D is d w/d qd; its noise is apart from the torque's and accelerometer's
-    because errors of qd and qdd in a window are uncorrelated.
+    The last three rows of D are d w/d qd. The gyro's rows are whitened separately from those of
+    torque and accelerometer, because the errors of qd and qdd in a window are uncorrelated.
     """
     n = s.H_m.shape[0]
     columns = [J]
@@ -262,10 +262,10 @@ def _whitened(J: ca.SX, D: ca.SX, noise: NoiseModel, s: _Sample) -> ca.SX:
 
 
 def _momentum_columns(s: _Sample, r: ca.SX) -> ca.SX:
-    """Return d[tau; f; w]/d L of a residual angular momentum, attitude taken as the start's.
+    """Return d[tau; f; w]/d L of a residual angular momentum L, at the attitude of the start.
 
-    The attitude stays within the limit on its excursion; only the momentum's direction in the body
-    changes with it.
+    The attitude changes only the direction of L in B, and the limit on the base's attitude bounds
+    this change.
     """
     J_w = solve(s.H_bb, ca.vertcat(ca.SX(3, 3), ca.SX.eye(3)))[3:, :]
     J_a = -solve(s.H_bb, s.C_w[:6, :] @ J_w)
@@ -298,7 +298,7 @@ def forward(L: ca.SX, B: ca.SX) -> ca.SX:
 
 
 def solve(L: ca.SX, B: ca.SX) -> ca.SX:
-    """Return (L L^T)^-1 B."""
+    """Return (L L^T)^-1 B for a lower triangular L."""
     y = forward(L, B)
     rows: list[ca.SX] = []
     for i in range(L.shape[0] - 1, -1, -1):

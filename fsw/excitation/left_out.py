@@ -1,10 +1,10 @@
-"""What an effect costs that is in the truth and not in the model: bias by the estimator's rows.
+"""The error that an effect causes if it is in the truth but left out of the model.
 
 Linearised and whitened, rows A delta = b with prior information L have the solution
-P A^T b, P = (A^T A + L)^-1. A disturbance d that the model leaves out moves it by P A^T d. If the
-effect is states of its own with columns C and prior covariance S, d is C s with s of covariance S,
-and the estimate's error from it has covariance (P A^T C) S (P A^T C)^T. Any other effect is
-predicted along the same motion with and without it.
+P A^T b, P = (A^T A + L)^-1. A disturbance d that the model leaves out shifts the solution by
+P A^T d. If the effect has states with columns C and prior covariance S, d is C s with s of
+covariance S, and the estimate's error has covariance (P A^T C) S (P A^T C)^T. For any other effect,
+d is the difference of the predictions along the same motion with and without the effect.
 
 Source: Tapley, Schutz, Born, Statistical Orbit Determination (2004), ch. 6 (consider covariance).
 """
@@ -31,14 +31,14 @@ from fsw.messages import Block, FloatArray, IntArray
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shift:
-    """Error of every state that something left out leads to, and the sigma that is predicted."""
+    """The error of every state that a left-out effect causes, and the state's predicted sigma."""
 
-    error: FloatArray  # (p,) 1 sigma, or the bias itself
+    error: FloatArray  # (p,) 1 sigma of the error, or the bias itself
     sigma: FloatArray  # (p,)
 
 
 class Information:
-    """Rows and prior of a problem at its prior mean, over blocks that fit its model."""
+    """The estimator's rows over given blocks, linearised at the prior mean, and the prior."""
 
     def __init__(self, problem: Problem, method: str, blocks: Sequence[Block]) -> None:
         self.problem = problem
@@ -48,7 +48,7 @@ class Information:
         self._whole: tuple[FloatArray, FloatArray] | None = None
 
     def without(self, states: IntArray, apart: IntArray) -> Shift:
-        """Return the errors of the others if states are left out; `apart` are left out too."""
+        """Return the errors if the model leaves `states` out; truth and model both lack `apart`."""
         p = len(self.problem.names)
         kept = np.setdiff1d(np.arange(p), np.concatenate([states, apart]))
         R, back = self._solved(kept)
@@ -60,7 +60,7 @@ class Information:
         return Shift(error, sigma)
 
     def shift(self, blocks: Sequence[Block]) -> Shift:
-        """Return the step that blocks ask for in which sensors have measured something else."""
+        """Return the estimate's step for blocks whose measurements the model does not predict."""
         if self._whole is None:
             self._whole = self._solved(np.arange(len(self.problem.names)))
         R, back = self._whole
@@ -68,7 +68,7 @@ class Information:
         return Shift(back @ np.concatenate([own.b for own in found]), _sigma(R))
 
     def _solved(self, kept: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Return the information's root over some states, and P A^T."""
+        """Return the information root of the states `kept`, and P A^T for these states."""
         A = self._A[:, kept]
         prior = criteria.prior_root(self.problem.prior_covariance[np.ix_(kept, kept)])
         R = criteria.triangular_root(np.concatenate([prior, A]))
@@ -81,7 +81,7 @@ def _sigma(R: FloatArray) -> FloatArray:
 
 
 def blocks_along(config: Config, problem: Problem, trajectory: Trajectory) -> list[Block]:
-    """Return a motion's blocks as a problem's own model predicts them at its prior mean."""
+    """Return the blocks of a motion with the measurements predicted at the problem's prior mean."""
     n = problem.model.n
 
     def still(t_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -92,7 +92,7 @@ def blocks_along(config: Config, problem: Problem, trajectory: Trajectory) -> li
 
 
 def channels(blocks: Sequence[Block], problem: Problem) -> list[FloatArray]:
-    """Return torque, specific force and rate (m, n + 6) of every block, at the prior mean."""
+    """Return predicted torque, specific force and rate (m, n + 6) per block, at the prior mean."""
     before: Impulse | None = None
     found: list[FloatArray] = []
     for s in stacks_of(blocks):
@@ -104,7 +104,7 @@ def channels(blocks: Sequence[Block], problem: Problem) -> list[FloatArray]:
 
 
 def measured(blocks: Sequence[Block], values: Sequence[FloatArray]) -> list[Block]:
-    """Return blocks whose sensors have measured these channels (m, n + 6)."""
+    """Return the blocks with their measured channels replaced by `values`, (m, n + 6) per block."""
     return [
         replace(
             block,
@@ -127,7 +127,7 @@ def half_ns(block: Block) -> float:
 
 
 def derivative(values: FloatArray, half_s: float) -> FloatArray:
-    """Return the derivative at the nodes of the polynomial through values (m, k) there."""
+    """Return the time derivative (m, k) at the nodes of the polynomial through `values` (m, k)."""
     nodes, m = gauss_nodes(len(values)), len(values)
     coefficients = np.linalg.solve(legendre.legvander(nodes, m - 1), values)
     slope = legendre.legval(nodes, legendre.legder(coefficients))
@@ -135,12 +135,12 @@ def derivative(values: FloatArray, half_s: float) -> FloatArray:
 
 
 def late(values: FloatArray, delays_s: FloatArray, half_s: float) -> FloatArray:
-    """Return channels (m, k) as they were by delays (k,) [s] before, to first order."""
+    """Return channels (m, k) delayed by `delays_s` (k,) [s], to first order."""
     return values - delays_s * derivative(values, half_s)
 
 
 def held(blocks: Sequence[Block], problem: Problem, limits_nm: FloatArray) -> list[Block]:
-    """Return blocks in which the wheels hold the base still, as far as their torques (k,) go."""
+    """Return blocks in which the wheels hold the base still, within torque limits (k,) [N m]."""
     model, x = problem.model, problem.prior_mean
     to_wheels = np.linalg.pinv(problem.wheel_axes)
     momentum, found = np.zeros(len(limits_nm)), []

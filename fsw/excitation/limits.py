@@ -1,4 +1,4 @@
-"""The limits a trajectory must keep: their file, and the share of each that a motion uses."""
+"""The limits that a trajectory must keep: the limits file, and the resulting limits per joint."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -25,7 +25,7 @@ class TargetBox(Section):
 
 
 class SlidingLimits(Section):
-    """Bounds on every prismatic joint, as `MotionLimits` has them for the others."""
+    """Bounds on every prismatic joint; `MotionLimits` has those of the revolute joints."""
 
     range_margin_m: NonNegative
     speed_m_s: Positive
@@ -42,8 +42,8 @@ class SlidingLimits(Section):
 class MotionLimits(Section):
     """Bounds on a whole motion; vectors of the base are bounded by their norm.
 
-    Tool quantities are relative to the arm's base: the frame of the first joint at zero. Ranges,
-    speeds and efforts of the URDF bind too.
+    Tool quantities are relative to the arm's base: the frame of the first joint at zero. The
+    ranges, speeds and efforts of the URDF must be kept as well.
     """
 
     joint_range_margin_rad: NonNegative
@@ -51,17 +51,17 @@ class MotionLimits(Section):
     joint_acceleration_rad_s2: Positive
     joint_jerk_rad_s3: Positive | None = None
     torque_nm: Positive
-    sliding: SlidingLimits | None = None  # of prismatic joints; needed where there are some
+    sliding: SlidingLimits | None = None  # required if a joint is prismatic
     base_attitude_rad: Positive
     base_rate_rad_s: Positive
     base_acceleration_rad_s2: Positive
     tool_box_m: tuple[Bound, Bound, Bound]  # x, y, z: lower and upper, null where unbounded
-    tool_distance_m: NonNegative  # the tool keeps out of this sphere about the arm's base
-    clearance_m: NonNegative | None = None  # of collision geometry; null: unchecked
+    tool_distance_m: NonNegative  # least distance of the tool from the arm's base
+    clearance_m: NonNegative | None = None  # least distance of collision pairs; null: unchecked
     target_box: TargetBox | None = None
     mode_amplitude: Mapping[str, Positive] = Field(default_factory=dict)  # by name [rad or m]
-    firings: tuple[Firing, ...] = ()  # of thrusters, that are flown beside the motion
-    # given poses: of a prismatic joint in m
+    firings: tuple[Firing, ...] = ()  # of thrusters, during the motion
+    # fixed first and last pose; prismatic joints in m
     start_rad: Annotated[tuple[Finite, ...], Field(min_length=1)] | None = None
     end_rad: Annotated[tuple[Finite, ...], Field(min_length=1)] | None = None
 
@@ -97,9 +97,9 @@ def load(path: Path) -> MotionLimits:
 
 
 class JointLimits:
-    """A limits file joined with the robot's own ranges, speeds and efforts, per joint (n,).
+    """Limits per joint (n,): the limits file combined with the URDF's ranges, speeds and efforts.
 
-    Those of a prismatic joint are in m, s and N.
+    The limits of a prismatic joint are in m, s and N, although the names end in rad and nm.
     """
 
     def __init__(self, limits: MotionLimits, model: RobotModel) -> None:

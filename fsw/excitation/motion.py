@@ -1,4 +1,4 @@
-"""A planned motion, from request to files: of `fsw excite`, `RUN_PLAN` and the Python API."""
+"""Planned motions, from request to files, for `fsw excite`, `RUN_PLAN` and the Python API."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
@@ -31,15 +31,15 @@ class _Named(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PlannedMotion:
-    """A motion that keeps every limit, and the knowledge that it promises."""
+    """A motion that keeps every limit, with the criteria and sigmas that it promises."""
 
     trajectory: spline.Trajectory
     request: MotionRequest
     subject: Subject
     values: dict[str, float]  # criteria by name
-    root: FloatArray  # (p, p) R of the information R^T R after the motion, prior included
-    uses: list[Use]  # of every limit, the most used first
-    starts: tuple[str, ...]  # what every start of the search has led to, in words
+    root: FloatArray  # R of the information R^T R of all states after the motion, with prior
+    uses: list[Use]  # worst use of every limit, the largest excess first
+    starts: tuple[str, ...]  # result of every start of the search, in words
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -48,11 +48,11 @@ class PlannedMotion:
 
     @property
     def sigma(self) -> dict[str, float]:
-        """Predicted 1 sigma by quantity, `target.mass_kg` ..."""
+        """Predicted 1 sigma by name of the reported quantity, `target.mass_kg` ..."""
         return dict(zip(self.subject.names, predicted_sigma(self.subject, self.root), strict=True))
 
     def bodies(self) -> dict[str, dict[str, Any]]:
-        """Return estimate and predicted sigma of every body, laid out as in a result."""
+        """Return nominal values and predicted sigmas of every body, in the layout of a result."""
         found: dict[str, dict[str, Any]] = {"estimate": {}, "sigma": {}}
         for body, k in self._places():
             mass, com, inertia = from_parameters(self.subject.x[k])
@@ -94,7 +94,7 @@ class PlannedMotion:
         export.write_joint_trajectory(self.trajectory, self.joints, ros, rate_hz)
 
     def save_spline(self, out: Path, command: str) -> None:
-        """Write the spline (YAML) with what it promises; a file of this name is replaced whole."""
+        """Write the spline (YAML) with its predicted sigmas; replace an old file in one step."""
         before = dict(zip(self.subject.names, self.subject.scale.prior_sigma, strict=True))
         about: dict[str, Any] = {
             "command": command,
@@ -118,11 +118,11 @@ class PlannedMotion:
 def bounds(
     config: Config, subject: Subject, path: Path, report: Report
 ) -> tuple[MotionLimits, Collisions | None]:
-    """Return the limits of a file, and the collisions they ask to be kept apart.
+    """Return the limits of a file, and the collision pairs to check (None: nothing to check).
 
     Raises
     ------
-    ConfigError when the limits are wrong.
+    ConfigError when the limits are invalid.
     """
     limits, collisions = load_limits(path), None
     _check_names(path, "mode_amplitude", limits.mode_amplitude, config.modes)
@@ -145,11 +145,11 @@ def planned(
     report: Report,
     guess: spline.Trajectory | None = None,
 ) -> PlannedMotion:
-    """Plan a motion.
+    """Plan a motion and predict its sigmas.
 
     Raises
     ------
-    InfeasibleError when none keeps the limits.
+    InfeasibleError when no motion is found that keeps the limits.
     """
     found = Planner(subject, limits, collisions, request, report).plan(guess)
     report("judging the motion")
@@ -169,7 +169,7 @@ def planned(
 def judged(
     subject: Subject, trajectory: spline.Trajectory, rate_hz: float, gamma: criteria.Gamma
 ) -> tuple[dict[str, float], FloatArray]:
-    """Return every criterion, and the information root after the motion, with every state."""
+    """Return every criterion by name, and the information root of all states after the motion."""
     root = foreseen.foreseen_root(subject, trajectory)
     values = assess.all_criteria(subject, trajectory, rate_hz, gamma)
     return values | assess.fused_criteria(subject, root), root
@@ -184,11 +184,11 @@ def _check_names(path: Path, key: str, named: Iterable[str], known: Iterable[_Na
 
 
 def check_motion(config: Config, path: Path) -> list[str]:
-    """Return what sensors and a planned motion would show of the unknown bodies, in words.
+    """Return the predicted sigmas of the unknown bodies after a motion from a file, in words.
 
     Raises
     ------
-    ConfigError when motion and robot do not go together.
+    ConfigError when the motion does not fit the robot.
     """
     subject, trajectory = build_subject(config), loaded(path, config)
     root = foreseen.foreseen_root(subject, trajectory)
@@ -201,7 +201,7 @@ def loaded(path: Path, config: Config) -> spline.Trajectory:
 
     Raises
     ------
-    ConfigError when the file is no trajectory, or one of a robot with another number of joints.
+    ConfigError when the file is not a trajectory, or its joints or thrusters are not the robot's.
     """
     trajectory = spline.load(path)
     if trajectory.n != len(config.joints):
@@ -211,7 +211,7 @@ def loaded(path: Path, config: Config) -> spline.Trajectory:
 
 
 def knowledge(subject: Subject, root: FloatArray) -> list[str]:
-    """Return the sigma of every reported quantity, and for each body who knows its parameters."""
+    """Return lines: the sigma of every reported quantity, and a verdict on each body."""
     sigma, prior = np.array(predicted_sigma(subject, root)), subject.scale.prior_sigma
     lines = [
         f"{name}: predicted sigma {own:.4g} (prior {before:.4g})"
@@ -226,7 +226,7 @@ def knowledge(subject: Subject, root: FloatArray) -> list[str]:
 
 
 def _plain(values: FloatArray) -> dict[str, Any]:
-    """Return ten reported quantities as a result has them."""
+    """Return ten reported quantities in the layout of a result."""
     mass, com, inertia = float(values[0]), values[1:4].tolist(), values[4:].tolist()
     return {"mass_kg": mass, "com_m": com, "inertia_kg_m2": inertia}
 

@@ -1,9 +1,9 @@
-"""Noise of the fused estimate per second of data, from the estimator's own configuration.
+"""Noise of the fused estimate per second of data, from the estimator's configuration.
 
-Each channel's white noise is a density; the joints' derivatives carry the noise that the
-estimator's windows leave on them. Errors of a channel and of qdd over one window's nodes are
-diagonalised together; at a Jacobian that hardly changes in a window, its information is the sum
-over those modes that a constant excites (the even ones).
+Each channel's white noise is a density. The noise of qd and qdd is that of the polynomials that the
+estimator fits in each window. The error covariances of a channel and of qdd at a window's nodes are
+diagonalised together. If the Jacobian hardly changes within a window, the window's information is
+the sum over the modes that a constant excites (the even ones).
 """
 
 from dataclasses import dataclass
@@ -23,12 +23,12 @@ SMALLEST_SHARE = 1e-6
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class NoiseModel:
-    """Variances of one second of data, [unit^2 s], and which nuisances are states."""
+    """Variances of one second of data [unit^2 s], and whether each nuisance is a state."""
 
     white: FloatArray  # (n + 6,) torque, accelerometer, gyro
     shares: FloatArray  # (k,) share of each mode in a constant, sums to 1
-    joint_acceleration: FloatArray  # (k, n) of qdd in each mode
-    joint_rate: FloatArray  # (n,) of qd
+    joint_acceleration: FloatArray  # (k, n) variance of qdd in each mode
+    joint_rate: FloatArray  # (n,) variance of qd
     p_BS_m: FloatArray  # (3,)
     torque_offset: bool
     acc_bias: bool
@@ -42,7 +42,7 @@ def noise_model(config: Config, model: RobotModel) -> NoiseModel:
 
     Raises
     ------
-    ConfigError for a joint without position.
+    ConfigError for a joint that measures its speed only.
     """
     joints = [config.joints[k] for k in joint_order(config, model)]
     turning = [joint.name for joint in joints if joint.speed_only]

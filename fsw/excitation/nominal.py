@@ -1,4 +1,4 @@
-"""A motion where none is planned: every joint swings about its middle, every thruster fires."""
+"""The nominal motion, used without a planned one: every joint swings, every thruster fires."""
 
 import numpy as np
 
@@ -9,16 +9,16 @@ from fsw.excitation.spline import REST_POINTS, Firing, Trajectory
 from fsw.messages import FloatArray
 
 DURATION_S = 20.0
-FIRING_S = 1.0  # of every thruster, one after the other
+FIRING_S = 1.0  # longest firing of each thruster; they fire one after the other
 POINTS = 40
-SWINGS = 1.0  # of the slowest joint; each after it makes an eighth of a swing more
-SWING = {"revolute": 0.3, "prismatic": 0.1}  # at most [rad or m]
-RANGE_SHARE = 0.4  # of a joint's range to either side
-SPEED_SHARE = 0.5  # of its speed limit
+SWINGS = 1.0  # swings of the first joint; each further joint makes an eighth of a swing more
+SWING = {"revolute": 0.3, "prismatic": 0.1}  # largest amplitude [rad or m]
+RANGE_SHARE = 0.4  # largest amplitude as a share of the joint's range
+SPEED_SHARE = 0.5  # largest speed as a share of the joint's speed limit
 
 
 def nominal_motion(config: Config, model: RobotModel) -> Trajectory:
-    """Return a motion from rest to rest in which no two joints swing alike."""
+    """Return a motion from rest to rest in which no two joints swing at the same frequency."""
     joints = [config.joints[k] for k in joint_order(config, model)]
     lower, upper = (
         np.array(limit[7:])

@@ -1,4 +1,4 @@
-"""One picture of a trajectory: joints, base, shares of the limits, and what is learnt when."""
+"""One picture of a trajectory: joints, base, margins to the limits, predicted sigmas over time."""
 
 from pathlib import Path
 

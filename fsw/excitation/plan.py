@@ -1,8 +1,8 @@
 """From a request to a checked trajectory: starts, optimisation, dense check, tightening, verdict.
 
-A trajectory is a success only when every limit holds on a grid ten times denser than the
-optimiser's, for every member of the prior set, and when it teaches something. Members that break a
-limit join the optimiser's set, limits that are exceeded between samples are tightened by as much.
+A trajectory passes only if every limit holds on a grid ten times denser than the optimiser's, for
+every member of the prior set, and if it reduces the sigmas. Members that break a limit join the
+optimiser's set; a limit that is exceeded between samples is tightened by the excess.
 """
 
 import multiprocessing
@@ -36,18 +36,18 @@ from fsw.messages import FloatArray
 from fsw.messages.errors import ConfigError
 
 DENSER = 10
-TORQUE_MARGIN = 0.02  # of its bound, in the first round; it varies fastest between samples
-SMALL_SHRINKS = (0.999, 0.997, 0.994, 0.99, 0.985)  # excursions that cost next to nothing
+TORQUE_MARGIN = 0.02  # first margin, share of the bound: torque varies fastest between samples
+SMALL_SHRINKS = (0.999, 0.997, 0.994, 0.99, 0.985)  # factors that hardly change the criterion
 LARGE_SHRINKS = (0.98, 0.97, 0.96, 0.94, 0.92, 0.9, 0.87, 0.84, 0.8)
 REPAIRABLE = 0.05  # excess up to which another round may help
-PROBE_RAD = 0.1  # size of the motion that shows what holds a request back
-NOTHING_LEARNT = 0.9  # geometric mean of sigma over prior sigma
+PROBE_RAD = 0.1  # size of the motion that shows which limits prevent learning
+NOTHING_LEARNT = 0.9  # largest geometric mean of sigma over prior sigma of a passing motion
 
 Report = Callable[[str], None]
 
 
 class Planner:
-    """One request with all that is computed once for it."""
+    """Plans the motion of one request, with all values that are computed once per request."""
 
     def __init__(
         self,
@@ -80,12 +80,11 @@ class Planner:
 
         Parameters
         ----------
-        guess : the first start; None: every start is random
-
+        guess : motion at which the first start begins; None: every start is random
 
         Raises
         ------
-        InfeasibleError with the limit, the amount and the time when none passes.
+        InfeasibleError with limit, amount and time if no motion passes; ConfigError: wrong guess.
         """
         self._check_start_pose()
         best: MotionPlan | None = None
@@ -104,7 +103,7 @@ class Planner:
         return replace(best, starts=tuple(f"start {k}: {text}" for k, text in enumerate(words, 1)))
 
     def _words(self, found: MotionPlan | list[Use], best: MotionPlan) -> str:
-        """Return the result of a start in words."""
+        """Return the result of one start in words."""
         if isinstance(found, list):
             return f"no motion that keeps every limit; {found[0].text()}"
         name = self.request.criterion
@@ -112,7 +111,7 @@ class Planner:
         return f"{name} {shown(name, found.value):.6g}{chosen}"
 
     def _all(self, guess: FloatArray | None) -> list[MotionPlan | list[Use]]:
-        """Return the results of all starts, several side by side in processes of their own."""
+        """Return the results of all starts, computed in parallel by `jobs` processes."""
         starts, jobs = range(self.request.starts), min(self.request.jobs, self.request.starts)
         if jobs == 1:
             return [self.one_start(start, guess) for start in starts]
@@ -121,7 +120,7 @@ class Planner:
             return pool.map(_inherited, starts, chunksize=1)
 
     def one_start(self, start: int, guess: FloatArray | None) -> MotionPlan | list[Use]:
-        """Return the plan of one start; of several, its value has every state (`foreseen`)."""
+        """Return the plan of one start, or the limits of its nearest motion if none passes."""
         seed, count = self.request.seed, self.request.starts
         self.report(f"start {start + 1} of {count}")
         rng = np.random.default_rng([seed, start] if start else seed)
@@ -129,15 +128,15 @@ class Planner:
         name = self.request.criterion
         if count == 1 or isinstance(found, list) or name in criteria.REGRESSOR_CRITERIA:
             return found
-        whole = replace(found.trajectory, firings=self.limits.firings)
+        whole = replace(found.trajectory, firings=self.limits.firings)  # compare by all states
         root = foreseen_root(self.subject, whole)
         return replace(found, value=criteria.fused(name, root, self.subject.scale).value)
 
     def _far(self, rng: np.random.Generator) -> FloatArray:
-        """Return where a start without a guess begins.
+        """Return the variables at which a start without a guess begins.
 
-        After an earlier result a random motion adds so little that the criterion has no slope
-        worth following; the motion that the wide prior asks for is where the search begins then.
+        After an earlier result, a random motion adds so little that the criterion is almost flat.
+        The search then begins at the motion that is planned for the wide prior.
         """
         own = self.subject
         if np.array_equal(own.prior_root, own.wide_root):
@@ -154,7 +153,7 @@ class Planner:
         return self._from(found.trajectory) if isinstance(found, MotionPlan) else z
 
     def _from(self, guess: Trajectory) -> FloatArray:
-        """Return the variables nearest to a trajectory, sampled where the motion is."""
+        """Return the variables nearest to a trajectory that is stretched to the duration."""
         if guess.n != self.layout.n:
             raise ConfigError(f"the start trajectory must have {self.layout.n} joints")
         t_s = np.linspace(0.0, self.layout.duration_s, 10 * self.layout.points)
@@ -164,7 +163,7 @@ class Planner:
         return np.asarray(z)
 
     def first_guess(self, rng: np.random.Generator) -> FloatArray:
-        """Return the best of some random feasible motions, or the least bad of the rest."""
+        """Return the best of some random feasible motions, or else a nearly feasible one."""
         found: list[FloatArray] = []
         for _ in range(self.request.candidates):
             z = self.guesses.random_feasible(rng)
@@ -175,7 +174,7 @@ class Planner:
         return self.guesses.nearest_feasible(self.guesses.random_motion(rng))
 
     def check(self, z: FloatArray) -> list[Use]:
-        """Return the use of every limit on the dense grid, for all members, the worst first."""
+        """Return the worst use of every limit on the dense grid, the largest excess first."""
         return every_limit(
             self.subject,
             self.limits,
@@ -227,7 +226,7 @@ class Planner:
     def _repaired(
         self, best: MotionPlan | None, z: FloatArray, turn: int, gradients: int
     ) -> MotionPlan | None:
-        """Return the better of a plan and a motion made smaller until it passes, if it does."""
+        """Return the better of `best` and z shrunk until it passes; `best` if z never passes."""
         smaller = self._shrunk(z, LARGE_SHRINKS)
         uses = self.check(smaller)
         if uses[0].excess > -SHARE_MARGIN:
@@ -244,7 +243,7 @@ class Planner:
         )
 
     def _shrunk(self, z: FloatArray, factors: tuple[float, ...]) -> FloatArray:
-        """Return the motion with its excursions a little smaller if that alone repairs it."""
+        """Return the motion with the first of the `factors` that makes it pass; else unchanged."""
         excess = self.check(z)[0].excess
         if self.limits.end_rad is not None or not -SHARE_MARGIN < excess < REPAIRABLE:
             return z
@@ -288,7 +287,7 @@ class Planner:
                 raise infeasible(f"{key} breaks", uses)
 
     def _require_learning(self, plan: MotionPlan) -> None:
-        """Refuse a motion that leaves the unknowns where they were."""
+        """Raise InfeasibleError if a motion hardly reduces the sigmas of the unknowns."""
         ratio = sigma_ratio(self.subject, plan.trajectory, self.request.rate_hz)
         if ratio <= NOTHING_LEARNT:
             return
@@ -303,7 +302,7 @@ class Planner:
         )
 
 
-_planner: list[tuple[Planner, FloatArray | None]] = []  # of the process that plans one start
+_planner: list[tuple[Planner, FloatArray | None]] = []  # set in each process of the pool
 
 
 def _inherit(parent: int, planner: Planner, guess: FloatArray | None) -> None:

@@ -1,4 +1,4 @@
-"""What is asked of the planner, what it gives, and the error when there is no such motion."""
+"""The planner's request and result, and the error when no motion keeps the limits."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from fsw.excitation.verify import Use
 from fsw.messages.errors import ConfigError, FswError
 
 ROUNDS = 4
-PAPER_GAMMA = criteria.Gamma(xi1=1.0, xi2=1e4)  # the paper gives no figures
+PAPER_GAMMA = criteria.Gamma(xi1=1.0, xi2=1e4)  # the paper gives no values
 
 
 class InfeasibleError(FswError):
@@ -23,7 +23,7 @@ class InfeasibleError(FswError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotionRequest:
-    """A request, besides its subject and limits."""
+    """Settings of a plan; subject and limits are given separately."""
 
     criterion: criteria.Name = "sigma"
     gamma: criteria.Gamma = PAPER_GAMMA
@@ -31,14 +31,14 @@ class MotionRequest:
     knot_s: float = 2.5
     closed: bool = False
     starts: int = 1
-    jobs: int = 1  # starts side by side
+    jobs: int = 1  # processes that compute starts in parallel
     candidates: int = 10  # random feasible motions per start, the best one is optimised
     iterations: int = 40
     rate_hz: float = 2.5
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Raise ConfigError for a number that no request can have."""
+        """Raise ConfigError if a number is out of its range."""
         for key in (
             "duration_s",
             "knot_s",
@@ -55,34 +55,34 @@ class MotionRequest:
 
     @property
     def evaluations(self) -> float:
-        """Return about how often each process evaluates the criterion, at most."""
+        """Return roughly the largest number of evaluations of the criterion per process."""
         each = self.iterations + (ROUNDS - 1) * later(self.iterations)
         return float(np.ceil(self.starts / min(self.jobs, self.starts)) * each)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MotionPlan:
-    """A trajectory that passed; limits from the dense grid, the criterion as minimised."""
+    """A trajectory that passed, its uses of the limits on the dense grid, the minimised value."""
 
     trajectory: Trajectory
     value: float
     uses: list[Use]
     rounds: int
     gradients: int
-    starts: tuple[str, ...] = ()  # what every start has led to, in words
+    starts: tuple[str, ...] = ()  # result of every start, in words
 
 
 def shown(name: criteria.Name, value: float) -> float:
-    """Return a minimised value as the criterion itself."""
+    """Return the criterion of a minimised value, which is its logarithm except for gamma."""
     return value if name == "gamma" else float(np.exp(value))
 
 
 def later(iterations: int) -> int:
-    """Return how many iterations a round after the first has."""
+    """Return the number of iterations of each round after the first."""
     return max(8, iterations // 4)
 
 
 def infeasible(text: str, uses: list[Use]) -> InfeasibleError:
-    """Return the error, with the limits that are exceeded, or the nearest one."""
+    """Return the error with the exceeded limits, or with the first use if none is exceeded."""
     lines = [use.text() for use in uses if use.excess > 0] or [uses[0].text()]
     return InfeasibleError("\n  ".join([text, *lines]), uses)

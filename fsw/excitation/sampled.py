@@ -1,4 +1,4 @@
-"""The windows of samples that devices would give along a motion."""
+"""The noise-free samples that the devices would give along a motion, as blocks of windows."""
 
 from collections.abc import Callable, Sequence
 
@@ -20,10 +20,10 @@ Signals = Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray]]
 def sampled_blocks(
     config: Config, model: RobotModel, trajectory: Trajectory, signals: Signals
 ) -> list[Block]:
-    """Return the blocks of the windows that a motion fills.
+    """Return the blocks of all whole windows of a motion; unusable windows are left out.
 
-    `signals` of times (m,) [s]: torque (m, n), the base's rate and the sensor's specific force
-    (m, 3), in B.
+    `signals` returns for times (m,) [s] the joint torque (m, n) [N m], the base's rate [rad/s] and
+    the inertial unit's specific force [m/s^2], both (m, 3) in B.
     """
     window_ns = round(config.estimator.window_s * 1e9)
     start = np.argsort(joint_order(config, model))
@@ -41,13 +41,13 @@ def sampled_blocks(
 
 
 class _Windows:
-    """Exact samples of every sensor along a motion, wheels at rest."""
+    """Noise-free samples of every sensor along a motion; the wheels are at rest."""
 
     def __init__(
         self, config: Config, model: RobotModel, trajectory: Trajectory, signals: Signals
     ) -> None:
         self._config, self._trajectory, self._signals = config, trajectory, signals
-        self._own = np.argsort(joint_order(config, model))  # model's joint of each
+        self._own = np.argsort(joint_order(config, model))  # model index of each configured joint
         self._R_BS = rotation_from_xyzw(np.array(config.imu.mounting.q_BS_xyzw))
         count = max(int(np.ceil(trajectory.duration_s * config.imu.rate_hz)), 1)
         step_s = trajectory.duration_s / count
@@ -107,7 +107,7 @@ class _Windows:
 
 
 def _times(start_ns: int, window_ns: int, rate_hz: float) -> IntArray:
-    """Return the instants of a device's samples in a window, on one grid for all windows."""
+    """Return the times [ns] of a device's samples in a window, on one grid for all windows."""
     if not rate_hz:
         return np.empty(0, np.int64)
     period_ns = 1e9 / rate_hz
@@ -125,7 +125,7 @@ def _channel(t_ns: IntArray, values: FloatArray) -> ChannelWindow:
 
 
 def _valve(t_ns: IntArray, window_ns: int, name: str, firings: Sequence[Firing]) -> ChannelWindow:
-    """Return the reports of a valve and its changes, each change at its own instant."""
+    """Return a valve's periodic reports and its changes, each change at its exact time."""
     edges = [
         (round(time_s * 1e9), state)
         for firing in firings

@@ -1,14 +1,14 @@
 """How far panels and liquid swing under a motion: a mode's response to the base's acceleration.
 
-A mode of inertia M about its axis u, with the base held at rate w and damping ratio z, is driven by
-the force that carrying it with the base needs (a of the base's origin, wd, w; c its centre of mass
-from its place p, d = p + c, I its inertia about c):
+A mode has inertia M about its axis u and, with the base held, natural frequency f [rad/s] and
+damping ratio z. The motion of the base drives it (acceleration a of the base's origin, wd, w; c is
+the mode's centre of mass from its place p, d = p + c, I its inertia about c):
 
-    x'' + 2 z w x' + w^2 x = -Q / M,   Q = m l . (a + wd x d + w x (w x d)) + u . (I wd + w x I w)
+    x'' + 2 z f x' + f^2 x = -Q / M,   Q = m l . (a + wd x d + w x (w x d)) + u . (I wd + w x I w)
 
-with l = u x c for a panel, u for liquid (whose I is zero). What is bounded is sqrt(x^2 + (x'/w)^2),
-so what still swings after the motion is bounded as well. Left out: that the mode moves the base in
-turn, and that x changes d.
+with l = u x c for a panel, l = u for liquid (whose I is zero). The limit bounds
+sqrt(x^2 + (x'/f)^2), and so also the swinging after the motion. Neglected are the reaction of the
+mode on the base and the change of d by x.
 """
 
 import numpy as np
@@ -22,7 +22,7 @@ from fsw.messages import FloatArray
 
 
 class Shaking:
-    """One axis of a mode on a grid of equal steps, at rest before it."""
+    """Response of one axis of a mode on a grid of equal steps, from rest."""
 
     def __init__(self, mode: ModeConfig, axis: int, count: int, step_s: float) -> None:
         u, c = np.array(mode.axes_B[axis]), np.array(mode.com_m)
@@ -32,7 +32,7 @@ class Shaking:
         self._l = mode.mass_kg * (np.cross(u, c) if mode.kind == "panel" else u)
         rate, damping = 2.0 * np.pi * mode.frequency_hz, mode.damping_ratio
         plant = (
-            np.array([[0.0, rate], [-rate, -2.0 * damping * rate]]),  # of x and x'/w
+            np.array([[0.0, rate], [-rate, -2.0 * damping * rate]]),  # of x and x'/f
             np.array([[0.0], [-1.0 / (rate * modal_inertia(mode))]]),
             np.eye(2),
             np.zeros((2, 1)),
@@ -50,9 +50,9 @@ class Shaking:
         motion: tuple[FloatArray, FloatArray, FloatArray],
         by_z: tuple[FloatArray, FloatArray, FloatArray] | None,
     ) -> tuple[FloatArray, FloatArray | None]:
-        """Return x and x'/w (m, 2) [m or rad], and their derivatives (m, 2, v).
+        """Return x and x'/f (m, 2) [m or rad], and their derivatives (m, 2, v) if `by_z` is given.
 
-        `motion`: a, wd and w (m, 3) of the base's origin; `by_z`: (m, 3, v) each.
+        `motion`: a, wd and w of the base, (m, 3) each; `by_z`: their derivatives, (m, 3, v) each.
         """
         a, wd, w = motion
         u, d, by_wd = self._u, self._d, np.cross(self._d, self._l) + self._I @ self._u

@@ -1,6 +1,6 @@
-"""IPOPT on one design problem: exact gradients given, curvature by limited-memory updates.
+"""IPOPT on one design problem: exact gradients, curvature from limited-memory updates.
 
-CasADi carries IPOPT; its functions are Python callbacks here, because the criterion's derivative
+CasADi contains IPOPT. Criterion and limits are Python callbacks, because the criterion's derivative
 goes through one small dense matrix (the information) that is not worth an expression graph.
 """
 
@@ -14,15 +14,15 @@ import numpy as np
 from fsw.excitation.design import Criterion, DesignRows, LimitRows
 from fsw.messages import FloatArray
 
-OBJECTIVE_SCALE = 30.0  # one nat against one share of a limit, for the barrier and tolerance
-FEASIBLE = 1e-4  # violation, in the rows' own scale, that the dense check's margins make up for
+OBJECTIVE_SCALE = 30.0  # weight of one nat of the criterion against one whole limit
+FEASIBLE = 1e-4  # violation in the rows' scale that the margins of the dense check cover
 
 Progress = Callable[[int, float, str, float], None]  # iteration, value, worst limit, its excess
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MotionSolution:
-    """Motion at which the solver ended; the dense check decides whether it is feasible."""
+    """The motion that the solver found; the dense check decides whether it is feasible."""
 
     z: FloatArray
     status: str
@@ -32,7 +32,7 @@ class MotionSolution:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Effort:
-    """When the solver stops."""
+    """Stopping rule of the solver."""
 
     iterations: int
     tolerance: float = 1e-3
@@ -48,13 +48,13 @@ def optimise(
     effort: Effort,
     progress: Progress | None = None,
 ) -> MotionSolution:
-    """Minimise the criterion within the limits, from `start` (v,).
+    """Minimise the criterion within the limits, from the variables `start` (v,).
 
     Parameters
     ----------
-    members : parameter vectors the limits must hold for
-    fixed : variables held at a value
-    margins : per kind of limit, the share of its bound to keep away from it (metres for distances)
+    members : parameter vectors (p,) for which the limits must hold
+    fixed : values of fixed variables, by index
+    margins : by kind of limit, the share of its bound to leave free (metres for distances)
     """
     problem = _Problem(criterion, limits, members, start, margins, progress)
     lower, upper = np.full(start.size, -np.inf), np.full(start.size, np.inf)
@@ -92,7 +92,7 @@ def optimise(
 
 
 class _Problem:
-    """The callbacks of one solver run and what they share."""
+    """The callbacks of one solver run and the values that they share."""
 
     def __init__(
         self,
@@ -126,7 +126,7 @@ class _Problem:
         self._sparsity = sparsity
 
     def _pattern(self, row: DesignRows) -> np.ndarray:
-        """Return which variables a row can ever depend on: those of its sample, or all before."""
+        """Return (m, v): whether a row can depend on a variable, by its or any earlier sample."""
         grid, n = self._limits.grid, self._limits.grid.layout.n
         support = np.any(grid.weights[:3] != 0, axis=0)
         if row.kind == "base_attitude" or row.kind.startswith("mode "):
@@ -140,7 +140,7 @@ class _Problem:
         return np.repeat(support, n, axis=1)
 
     def best(self, last: FloatArray) -> FloatArray:
-        """Return the last iterate, or the best feasible one where that is better."""
+        """Return the last iterate, or the best feasible one if that is better."""
         value, _ = self._values(last)
         worse = self._worst[1] > FEASIBLE or value > self._best[0]
         return self._best[1] if worse and np.isfinite(self._best[0]) else last
@@ -174,7 +174,7 @@ class _Problem:
 
 
 class _Function(ca.Callback):
-    """A Python function of (x, p) with no parameters p, as CasADi wants it."""
+    """A Python function as a CasADi callback with the inputs x and p; p is empty."""
 
     def __init__(
         self,

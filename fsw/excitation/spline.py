@@ -1,7 +1,7 @@
 """Rest-to-rest joint trajectories: clamped uniform B-splines of degree five, continuous jerk.
 
-The first four control points are one, and so are the last four: speed, acceleration and jerk vanish
-at both ends. A closed trajectory ends where it starts and can be repeated without a break.
+The first four control points are equal, and so are the last four, so speed, acceleration and jerk
+are zero at both ends. A closed trajectory ends where it starts and can be repeated without a break.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ DERIVATIVES = 4  # position, velocity, acceleration, jerk
 
 
 class Firing(Section):
-    """One pulse of a thruster, at times of the motion."""
+    """One pulse of a thruster: its start [s] from the start of the motion, and its duration [s]."""
 
     thruster: str
     on_s: NonNegative
@@ -52,7 +52,7 @@ class Trajectory:
         return [W[d] @ self.points_rad for d in range(DERIVATIVES)]
 
     def scaled(self, factor: float) -> Trajectory:
-        """Return the same motion with all excursions from its start pose times `factor`."""
+        """Return the motion with all excursions from its start pose multiplied by `factor`."""
         start = self.points_rad[0]
         return Trajectory(
             duration_s=self.duration_s,
@@ -63,9 +63,9 @@ class Trajectory:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SplineLayout:
-    """Which control points of a trajectory are free: variables z are (rows, n) of them.
+    """The free control points of a trajectory: they are the variables z (rows, n).
 
-    Row 0 is the start pose, the last row the end pose (absent when closed).
+    Row 0 is the start pose, the last row the end pose; a closed trajectory has no row for its end.
     """
 
     duration_s: float
@@ -98,7 +98,7 @@ class SplineLayout:
         return np.asarray(weights @ self.selection())
 
     def trajectory(self, z: FloatArray) -> Trajectory:
-        """Return the trajectory of variables z (rows, n) or flat."""
+        """Return the trajectory of the variables z, given as (rows, n) or flat."""
         points = self.selection() @ z.reshape(self.rows, self.n)
         return Trajectory(duration_s=self.duration_s, points_rad=points)
 
@@ -120,7 +120,7 @@ def load(path: Path) -> Trajectory:
 
     Raises
     ------
-    ConfigError naming what is wrong with it.
+    ConfigError that names the fault in the file.
     """
     try:
         source = path.read_bytes()
@@ -152,7 +152,7 @@ def load(path: Path) -> Trajectory:
 
 
 def save(trajectory: Trajectory, path: Path, about: dict[str, Any]) -> None:
-    """Write a trajectory file; `about` says how it was made."""
+    """Write a trajectory file; `about` is stored in it and describes its origin."""
     document = {
         "about": about,
         "degree": DEGREE,

@@ -1,4 +1,4 @@
-"""The bodies to be identified and the prior knowledge of them: the fixed part of a request."""
+"""The subject of a plan: the robot, the bodies to be identified and the prior knowledge of them."""
 
 import json
 from collections.abc import Mapping
@@ -41,13 +41,13 @@ class Subject:
     Attributes
     ----------
     x : (p,) nominal parameters of the unknown bodies
-    state_covariance : (all, all) prior of the estimator's whole state
-    prior_root : (s, s) with prior_root^T prior_root the prior's information of the states that the
-        solver accounts for; `foreseen` has all others
-    wide_root : the same before the earlier result that took the prior's place, if one did
-    scale : reported quantities, their prior sigmas and weights
-    draws : (k, p) further members of the prior set; none when the spread is zero
-    names : (p,) reported quantities, `target.mass_kg` ...
+    state_covariance : (all, all) prior covariance of the estimator's whole state
+    prior_root : (s, s) root R of the prior information R^T R of the states in the solver's rows;
+        `foreseen` includes all other states
+    wide_root : the same root from the configured prior, also if an earlier result replaces it
+    scale : Jacobian of the reported quantities, their prior sigmas and weights
+    draws : (k, p) further members of the prior set; (0, p) when the spread is zero
+    names : (p,) names of the reported quantities, `target.mass_kg` ...
     """
 
     config: Config
@@ -74,19 +74,19 @@ def build_subject(
     draws: int = 0,
     seed: int = 0,
 ) -> Subject:
-    """Lay out a request.
+    """Return the subject of a configuration.
 
     Parameters
     ----------
-    after : an estimate (names, mean, covariance) that takes the prior's place, or the file of a
+    after : an estimate (names, mean, covariance) that replaces the bodies' prior, or the path of a
         result of `fsw identify --json`
-    weights : of reported quantities by name; a body's name weighs all of its quantities
-    spread : sigma of the drawn bodies in units of the prior's
-    draws : how many bodies are drawn
+    weights : weights of reported quantities by name; a body's name sets all of its quantities
+    spread : sigma of the drawn bodies in units of the prior sigma
+    draws : number of drawn bodies
 
     Raises
     ------
-    ConfigError if a name or a file is wrong.
+    ConfigError if a name or a file is wrong, or motions cannot be planned for this robot.
     """
     others = [name for name in config.bodies if name not in ("base", "target")]
     if others:
@@ -146,11 +146,11 @@ def build_subject(
 def posterior(source: Path | Mapping[str, Any], problem: Problem) -> tuple[FloatArray, FloatArray]:
     """Return mean (p,) and covariance (p, p) of the unknown bodies from an estimate or its file.
 
-    Its biases are not taken over: they belong to the data it came from.
+    Biases of the estimate are ignored, because they belong to the data of that estimate.
 
     Raises
     ------
-    ConfigError if there is no result for these bodies.
+    ConfigError if it cannot be read or has no finite result for these bodies.
     """
     wanted = problem.names[problem.bodies]
     try:
@@ -172,7 +172,7 @@ def posterior(source: Path | Mapping[str, Any], problem: Problem) -> tuple[Float
 
 def _weights(names: tuple[str, ...], chosen: dict[str, float]) -> FloatArray:
     weights = np.ones(len(names))
-    for key in sorted(chosen, key=len):  # a body first, then its quantities
+    for key in sorted(chosen, key=len):  # bodies first, so that their quantities override them
         hit = [name == key or name.startswith(f"{key}.") for name in names]
         if not any(hit):
             raise ConfigError(f"weight {key!r}: none of {', '.join(names)}")
@@ -187,7 +187,7 @@ def _weights(names: tuple[str, ...], chosen: dict[str, float]) -> FloatArray:
 def _draw(
     problem: Problem, x: FloatArray, sigma: FloatArray, spread: float, count: int, seed: int
 ) -> FloatArray:
-    """Return (count, p) physically possible bodies drawn about x."""
+    """Return (count, p) physically consistent bodies drawn about x; x if no draw is consistent."""
     rng = np.random.default_rng(seed)
     drawn = np.tile(x, (count, 1))
     for row in drawn:

@@ -1,4 +1,4 @@
-"""Every limit on a dense grid, for all members of the prior set: what a success must pass."""
+"""The dense check: every limit on a dense grid, for all members of the prior set."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,24 +12,24 @@ from fsw.excitation.spline import DEGREE, REST_POINTS, SplineLayout, Trajectory
 from fsw.excitation.subject import Subject
 from fsw.messages import FloatArray
 
-SHARE_MARGIN = 0.002  # a success keeps this share of every limit to itself
+SHARE_MARGIN = 0.002  # share of every bound that a passing motion leaves free
 SQUARE = 2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Use:
-    """How far one limit is used by a motion, at the worst sample of the worst member."""
+    """How close a motion comes to one limit, at the worst sample of the worst member."""
 
     kind: str
     value: float
     bound: float
     unit: str
     time_s: float
-    excess: float  # as a share of the bound (metres for distances); positive beyond it
-    member: int  # of the prior set; 0 is the nominal one
+    excess: float  # as a share of the bound (metres for distances); positive beyond the bound
+    member: int  # index in the prior set; 0: the nominal bodies
 
     def text(self) -> str:
-        """Return which limit, by how much, and when."""
+        """Return one line: the limit, the value, its distance to the bound, and the time."""
         side = "beyond" if self.excess > 0 else "inside"
         member = f", body {self.member} of the prior set" if self.member else ""
         return (
@@ -46,7 +46,7 @@ def every_limit(
     rate_hz: float,
     members: Sequence[FloatArray],
 ) -> list[Use]:
-    """Return the worst use of every limit, the most used first."""
+    """Return the worst use of every limit over all members, the largest excess first."""
     layout, z = free_layout(trajectory)
     grid = Grid(layout, rate_hz)
     worst: dict[str, Use] = {}
@@ -60,7 +60,7 @@ def every_limit(
 
 
 def free_layout(trajectory: Trajectory) -> tuple[SplineLayout, FloatArray]:
-    """Return a layout and the variables (flat) that make this trajectory."""
+    """Return the layout with both ends free, and the flat variables z, of a trajectory."""
     points = trajectory.points_rad
     layout = SplineLayout(
         duration_s=trajectory.duration_s,

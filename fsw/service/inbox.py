@@ -1,4 +1,4 @@
-"""The service's inbox: messages of loop and estimation, those of the estimation before a status."""
+"""Reads the rings of loop and estimation; the estimation's ring before each status of the loop."""
 
 from collections.abc import Callable
 
