@@ -1,6 +1,6 @@
 """Files that survive a crash and a power cut: the old content or the new one, never a mixture.
 
-It lies here because the flight software, the bench and the ground side may all import this package.
+The flight software, the bench and the ground side may all import this package.
 """
 
 import os

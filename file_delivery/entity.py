@@ -1,9 +1,9 @@
 """File delivery of class 2 (CCSDS 727.0-B), both ways, several files at a time.
 
-The state machines are cfdp-py's. Added here and in `incoming` and `outgoing`: limits on what the
-other end may ask for, a transaction timeout, answers for transactions that are over, reasons for
-refusals, names confined to the file directory, the checksum of every file, files that take their
-place only when they are whole, and transfers that are cancelled, suspended and resumed.
+cfdp-py provides the state machines. This module, `incoming` and `outgoing` add: limits on requests
+of the other end, a transaction timeout, answers for ended transactions, reasons for refusals, names
+confined to the file directory, a check of every file's checksum, final names only for complete
+files, and cancelling, suspending and resuming of transfers.
 """
 
 import shutil
@@ -32,12 +32,12 @@ from file_delivery.units import (
     transaction_of,
 )
 
-UNITS_PER_LOOK = 32  # sent in one look of the service, every 10 ms
+UNITS_PER_LOOK = 32  # most units per call of `poll`, which the service calls every 10 ms
 SENDING_LIMIT, WAITING_LIMIT, RECEIVING_LIMIT = 4, 8, 8  # files
-SILENT_NS = 5_000_000_000  # without a word: gives its place up to another file
-REUSED_NS = 1_000_000_000  # metadata so long after the end begin a transaction of the same number
-FROZEN_NS = 3_000_000_000  # between two looks: the link was away, no transfer was silent
-REMEMBERED = 64  # transactions that are over
+SILENT_NS = 5_000_000_000  # a transfer that is silent for longer may lose its place to another
+REUSED_NS = 1_000_000_000  # metadata later than this after the end reuse the transaction's number
+FROZEN_NS = 3_000_000_000  # a longer gap between two calls is a lost link, not a silent transfer
+REMEMBERED = 64  # number of ended transactions that are remembered
 MAX_FILE_BYTES = 1 << 30
 COUNTED = (
     "files_sent",
@@ -57,14 +57,14 @@ def accept_every_name(name: str) -> bool:  # noqa: ARG001
 
 
 class FileEntity:
-    """One end of file delivery; blocks no longer than reading or checking one file.
+    """One end of file delivery; a call lasts no longer than reading or checking one file.
 
     Parameters
     ----------
-    directory : files arrive below it
+    directory : received files are stored below it
     number : returns the number of a new transaction, never used before
-    ends : the daemon's by default
-    accepts : whether a file of this name is for this end; others are left to others on the link
+    ends : entity identifiers; by default, this end is the daemon
+    accepts : returns whether a file of this name is for this end; other files are ignored
     """
 
     def __init__(
@@ -87,20 +87,20 @@ class FileEntity:
         self._ended: list[tuple[int, bool, str]] = []
         self._counters: Counter[str] = Counter()
         self._looked_ns: int | None = None
-        for left in directory.glob(f"{PARTIAL}*"):  # of a run that did not end well
+        for left in directory.glob(f"{PARTIAL}*"):  # of a run that crashed
             left.unlink(missing_ok=True)
 
     def send(
         self, path: Path, *, remove: bool, name: str = "", piece: tuple[int, int] | None = None
     ) -> int:
-        """Begin to send a file; return the transaction's number, at least 1.
+        """Queue a file for sending; return the transaction's number, at least 1.
 
         Parameters
         ----------
-        path : of the file, anywhere
-        remove : remove it here once it has arrived
-        name : at the other end; empty: its name without the folders here
-        piece : offset and size [B] of what to send; None: all
+        path : path of the file, anywhere
+        remove : whether to remove the local file once it has arrived
+        name : file name at the other end; empty: the last part of `path`
+        piece : offset and size [B] of the part to send; None: the whole file
 
         Raises
         ------
@@ -116,7 +116,7 @@ class FileEntity:
         return number
 
     def receive(self, pdu: bytes, now_ns: int) -> None:
-        """Process one received unit; an invalid unit, or one of no transfer, is counted."""
+        """Process a received unit; count it as rejected if it is invalid or of no transfer."""
         self._thaw(now_ns)
         self._counters["pdus_received"] += 1
         try:
@@ -130,7 +130,7 @@ class FileEntity:
         self._collect(now_ns)
 
     def poll(self, now_ns: int) -> list[bytes]:
-        """Return units to send now; a few, so that nobody else waits for them."""
+        """Return the units to send now, at most `UNITS_PER_LOOK`."""
         self._thaw(now_ns)
         units = [self._late.popleft() for _ in range(len(self._late))]
         for file in list(self._incoming.values()):
@@ -138,7 +138,7 @@ class FileEntity:
         self._start_waiting(now_ns)
         for key, sending in list(self._outgoing.items()):
             units += sending.pump(UNITS_PER_LOOK - len(units), now_ns)
-            self._outgoing[key] = self._outgoing.pop(key)  # the others first the next time
+            self._outgoing[key] = self._outgoing.pop(key)  # the other files are first next time
             if len(units) >= UNITS_PER_LOOK:
                 break
         self._counters["pdus_sent"] += len(units)
@@ -146,16 +146,16 @@ class FileEntity:
         return units
 
     def transfers(self) -> list[Transfer]:
-        """Return the transfers that are not over."""
+        """Return the transfers that have not ended."""
         return [file.transfer for file in self._all() if file.outcome is None]
 
     @property
     def is_idle(self) -> bool:
-        """Whether nothing is under way, not even a last acknowledgement."""
+        """Whether no transfer is in progress and no unit is left to send."""
         return not (self._incoming or self._outgoing or self._waiting or self._late)
 
     def cancel(self, key: Key) -> None:
-        """End a transfer and say so to the other end. Raises DeliveryError."""
+        """Cancel a transfer and report this to the other end. Raises DeliveryError."""
         file = self._find(key)
         if isinstance(file, Incoming):
             file.refuse(ConditionCode.CANCEL_REQUEST_RECEIVED, "cancelled")
@@ -166,7 +166,7 @@ class FileEntity:
                 self._outgoing[key] = file
 
     def suspend(self, key: Key) -> None:
-        """Suspend a transfer, with its timers stopped. Raises DeliveryError."""
+        """Suspend a transfer and stop its timers. Raises DeliveryError."""
         self._find(key).suspended = True
 
     def resume(self, key: Key, now_ns: int) -> None:
@@ -175,12 +175,12 @@ class FileEntity:
         file.suspended, file.last_ns = False, now_ns
 
     def finished(self) -> list[tuple[int, bool, str]]:
-        """Return what ended since the last call: number (0: it came here), success, text."""
+        """Return number (0: received), success and text of transfers ended since the last call."""
         ended, self._ended = self._ended, []
         return ended
 
     def counters(self) -> Mapping[str, int]:
-        """Return files_sent, files_received, files_failed, pdus_sent, pdus_received, _rejected."""
+        """Return the counters of files and units (PDUs) by name, see `COUNTED`."""
         return {name: self._counters[name] for name in COUNTED}
 
     def _all(self) -> Iterable[Incoming | Outgoing]:
@@ -227,7 +227,7 @@ class FileEntity:
             file.take(unit, now_ns)
 
     def _forget_if_reused(self, key: Key, now_ns: int) -> None:
-        """Metadata after the end begin another transaction: that sender counts from 1 again."""
+        """Forget an ended transaction if metadata reuse its number: its sender has restarted."""
         if key in self._over and now_ns - self._over[key][1] > REUSED_NS:
             del self._over[key]
             file = self._incoming.pop(key, None)
@@ -243,7 +243,7 @@ class FileEntity:
             file.refuse(ConditionCode.FILESTORE_REJECTION, f"{size} bytes; {free} are free")
 
     def _admit(self, file: Incoming, now_ns: int) -> None:
-        """Find a place for a file that comes; a silent one gives its own up."""
+        """Give a new file a place, if needed that of an ended or silent file, or refuse it."""
         under_way = [other for other in self._incoming.values() if not other.closed]
         if len(under_way) >= RECEIVING_LIMIT:
             rest = [other for other in under_way if other.outcome is not None] or under_way
@@ -270,7 +270,7 @@ class FileEntity:
         self._outgoing[file.key] = file
 
     def _thaw(self, now_ns: int) -> None:
-        """Count no time in which nobody looked: the link was away."""
+        """Leave a long gap between two calls out of all timeouts: the link was lost."""
         gap_ns = now_ns - self._looked_ns if self._looked_ns is not None else 0
         self._looked_ns = now_ns
         if gap_ns > FROZEN_NS:

@@ -2,7 +2,7 @@
 
 
 class DeliveryError(Exception):
-    """A file that cannot be sent or received.
+    """A file cannot be sent or received, or a transfer does not exist.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""One file on its way here; it takes its place only when it is whole."""
+"""One incoming file; it gets its final name only when it is complete."""
 
 from collections import deque
 from pathlib import Path
@@ -50,16 +50,16 @@ STARTING = (MetadataPdu, FileDataPdu, EofPdu)
 
 
 class Incoming:
-    """One file on its way here.
+    """One incoming file.
 
     Parameters
     ----------
-    directory : it arrives in
-    first : unit of the transaction that came first
+    directory : folder that receives the file
+    first : first received unit of the transaction
 
     Raises
     ------
-    UnitError when the unit begins no transaction that can be answered.
+    UnitError when the unit cannot begin a transaction, or its entities are not these ends.
     """
 
     def __init__(self, directory: Path, ends: Pair, first: GenericPduPacket, now_ns: int) -> None:
@@ -68,11 +68,11 @@ class Incoming:
         if first.source_entity_id.value != ends.there:
             raise UnitError(f"entity {first.source_entity_id.value} is not known")
         self.key: Key = transaction_of(first)
-        self.last_ns = now_ns  # of the newest unit
+        self.last_ns = now_ns  # time of the newest unit
         self.outcome: TransferOutcome | None = None
-        self.closed = False  # not even an acknowledgement is awaited
+        self.closed = False  # nothing more is expected, not even an acknowledgement
         self.suspended = False
-        self.name = ""  # as the other end wants it; empty until the metadata are there
+        self.name = ""  # final name from the metadata; empty before they are received
         self._directory, self._first = directory, first
         self._user = Ends(Folder(directory), self._note_end)
         self._handler = DestHandler(
@@ -82,19 +82,19 @@ class Incoming:
         self._checksum_type = ChecksumType.NULL_CHECKSUM
         self._end: EofPdu | None = None
         self._requested_ns: int | None = None  # when the metadata were requested
-        self._started = False  # the library knows of it
+        self._started = False  # the library has received a first unit
         if first.transmission_mode != TransmissionMode.ACKNOWLEDGED:
             self.refuse(ConditionCode.INVALID_TRANSMISSION_MODE, "class 1 is not supported")
 
     @property
     def transfer(self) -> Transfer:
-        """How far it is."""
+        """State and progress of the transfer."""
         state = TransferState.SUSPENDED if self.suspended else TransferState.RECEIVING
         size = self._handler.file_size or 0
         return Transfer(self.key, self.name, size, self._handler.progress, state, self.last_ns)
 
     def take(self, unit: GenericPduPacket, now_ns: int) -> None:
-        """Use a unit of the file. Raises UnitError when it is of no use."""
+        """Process a unit of this transaction."""
         self.last_ns = now_ns
         if isinstance(unit, MetadataPdu):
             renamed_unit = self._with_own_name(unit)
@@ -105,7 +105,7 @@ class Incoming:
             self._request_metadata(unit, now_ns)
             return
         elif isinstance(unit, EofPdu):
-            if self._end is not None:  # its acknowledgement was lost; the library would be silent
+            if self._end is not None:  # its acknowledgement was lost; the library sends it once
                 kind, condition = DirectiveType.EOF_PDU, unit.condition_code
                 self._reply(acknowledgement(unit, kind, condition, TransactionStatus.ACTIVE))
                 return
@@ -113,7 +113,7 @@ class Incoming:
         self._feed(unit)
 
     def poll(self, limit: int, now_ns: int) -> list[bytes]:
-        """Return at most so many units to send now."""
+        """Return at most `limit` units to send now; end a transfer that has timed out."""
         if not self.closed and not self.suspended:
             if self._started:
                 self._feed(None)
@@ -122,7 +122,7 @@ class Incoming:
         return [self._replies.popleft() for _ in range(min(limit, len(self._replies)))]
 
     def refuse(self, condition: ConditionCode, reason: str) -> bytes | None:
-        """End the transfer, say so with the reason; return the unit that says it."""
+        """End the transfer; queue and return the unit with the reason (None: not packable)."""
         self._handler.reset()
         self._finish(condition, reason)
         self.closed = True
@@ -134,7 +134,7 @@ class Incoming:
         return unit
 
     def abandon(self, reason: str) -> None:
-        """End the transfer without a word to the other end."""
+        """End the transfer without a report to the other end."""
         self._handler.reset()
         self.closed = True
         self._finish(ConditionCode.INACTIVITY_DETECTED, reason)
@@ -145,10 +145,10 @@ class Incoming:
         return f"{PARTIAL}{self.key[0]}-{self.key[1]}"
 
     def _request_metadata(self, unit: GenericPduPacket, now_ns: int) -> None:
-        """Ask for what must come first; the library loses count of data that come before it.
+        """Request the metadata and discard the unit: the library miscounts data before metadata.
 
-        What is not used here is requested once the end is announced, and it will be, since it is
-        not acknowledged now.
+        The sender repeats the unit of the end (EOF), because it is not acknowledged here. After it,
+        the library requests the discarded data again.
         """
         if self._requested_ns is not None and now_ns - self._requested_ns < TIMER_S * 1e9:
             return
@@ -174,7 +174,7 @@ class Incoming:
         try:
             self._handler.state_machine(unit)
             if not self._started:
-                # the library's default is one list of lost segments for all there ever are
+                # by default, all transfers of the library share one list of lost segments
                 self._started = True
                 tracker = LostSegmentTracker()  # type: ignore[no-untyped-call]
                 self._handler._params.acked_params.lost_seg_tracker = tracker  # noqa: SLF001
@@ -196,7 +196,7 @@ class Incoming:
             self._replies.append(reply)
 
     def _note_end(self, params: TransactionFinishedParams) -> None:
-        """Judge the file before its end is reported; what is set here is what goes out."""
+        """Check the file before its end is reported; the codes set here go to the other end."""
         outcome = params.finished_params
         if self.outcome is not None:
             return
@@ -211,7 +211,7 @@ class Incoming:
         self._finish(outcome.condition_code, _reason(outcome))
 
     def _has_its_checksum(self) -> bool:
-        """Compare; the library does not where no segment was lost."""
+        """Return whether the checksum is right; the library checks only after lost segments."""
         if self._end is None or not self.name:
             return False
         if self._checksum_type == ChecksumType.NULL_CHECKSUM:

@@ -1,4 +1,4 @@
-"""Use of cfdp-py by both directions of file delivery: its settings and its errors."""
+"""Settings, file access and errors of cfdp-py, for both directions of file delivery."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -28,8 +28,8 @@ from file_delivery.units import UNPARSABLE
 DAEMON, GROUND = 1, 2  # entity identifiers
 UNIT_BYTES = 976  # longest unit sent: its packet fits an authenticated frame (at most 987 bytes)
 TIMER_S, TIMER_LIMIT = 2.0, 15
-CHECKSUM_BYTES = 1 << 20  # added up at a time; a multiple of 4
-TIMEOUT_S = 60.0  # without a word from the other end; the library itself would wait for ever
+CHECKSUM_BYTES = 1 << 20  # summed at a time; a multiple of 4
+TIMEOUT_S = 60.0  # longest time without a unit of the other end; the library has no such limit
 REFUSALS = (
     *UNPARSABLE,
     OSError,
@@ -51,14 +51,14 @@ REFUSALS = (
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """The two ends, as this one sees them."""
+    """Entity identifiers of this end (`here`) and of the other end (`there`)."""
 
     here: int
     there: int
 
 
 class Faults(DefaultFaultHandlerBase):
-    """Lets the library cancel what it finds wrong; the transaction's end says why."""
+    """Ignores the library's fault callbacks; the report of a transaction's end has the reason."""
 
     def _ignored(self, *_arguments: object, **_keywords: object) -> None:
         return
@@ -78,12 +78,12 @@ class CheckTimers(CheckTimerProvider):
         remote_entity_id: UnsignedByteField,  # noqa: ARG002
         entity_type: EntityType,  # noqa: ARG002
     ) -> Countdown:
-        """Return a timer."""
+        """Return a timer of `TIMER_S`."""
         return Countdown.from_seconds(TIMER_S)
 
 
 class Folder(RestrictedFilestore):
-    """The folder that files arrive in."""
+    """The folder that receives files."""
 
     def calculate_checksum(
         self,
@@ -92,7 +92,7 @@ class Folder(RestrictedFilestore):
         size_to_verify: int,
         segment_len: int = 0,
     ) -> bytes:
-        """Return the checksum; the library adds a modular one up byte by byte."""
+        """Return a file's checksum; a modular one is faster here than in the library."""
         if checksum_type == ChecksumType.MODULAR:
             return modular_checksum(self.restricted_path / file_path, 0, None)
         return super().calculate_checksum(
@@ -101,11 +101,11 @@ class Folder(RestrictedFilestore):
 
 
 class PieceOfFile(NativeFilestore):
-    """One file, or a piece of it, as if it were all there is to send.
+    """One file, or a piece of it, presented to the library as a whole file.
 
     Parameters
     ----------
-    offset, size : the piece [B]
+    offset, size : offset and size of the piece in the file [B]
     """
 
     def __init__(self, path: Path, offset: int, size: int) -> None:
@@ -113,7 +113,7 @@ class PieceOfFile(NativeFilestore):
         self._path, self._offset, self._size = path, offset, size
 
     def file_exists(self, path: Path) -> bool:  # noqa: ARG002
-        """Whether it is still there."""
+        """Return whether the file still exists."""
         return self._path.is_file()
 
     def file_size(self, file: Path) -> int:  # noqa: ARG002
@@ -121,7 +121,7 @@ class PieceOfFile(NativeFilestore):
         return self._size
 
     def read_data(self, file: Path, offset: int | None, read_len: int | None = None) -> bytes:  # noqa: ARG002
-        """Return bytes of the piece."""
+        """Return `read_len` bytes from `offset` within the piece; None: to its end."""
         start = offset or 0
         length = self._size - start if read_len is None else min(read_len, self._size - start)
         return super().read_data(self._path, self._offset + start, length)
@@ -133,7 +133,7 @@ class PieceOfFile(NativeFilestore):
         size_to_verify: int,
         segment_len: int = 0,  # noqa: ARG002
     ) -> bytes:
-        """Return the checksum of the beginning of the piece. Raises ValueError."""
+        """Return the checksum of the first `size_to_verify` bytes. Raises ValueError."""
         if checksum_type != ChecksumType.MODULAR:
             raise ValueError(f"{checksum_type.name}: not sent")
         return modular_checksum(self._path, self._offset, size_to_verify)
@@ -144,7 +144,7 @@ def modular_checksum(path: Path, offset: int, size: int | None) -> bytes:
 
     Parameters
     ----------
-    size : of the piece [B]; None: to the end of the file
+    offset, size : offset and size of the piece [B]; size None: to the end of the file
     """
     total = 0
     with path.open("rb") as file:
@@ -158,7 +158,7 @@ def modular_checksum(path: Path, offset: int, size: int | None) -> bytes:
 
 
 class Ends(CfdpUserBase):
-    """Passes the end of a transaction on; the library's other indications are of no use here."""
+    """Passes the end of a transaction to `ended`; ignores the library's other indications."""
 
     def __init__(
         self, files: NativeFilestore, ended: Callable[[TransactionFinishedParams], None]
@@ -167,7 +167,7 @@ class Ends(CfdpUserBase):
         self._ended = ended
 
     def transaction_finished_indication(self, params: TransactionFinishedParams) -> None:
-        """Pass on."""
+        """Pass the parameters of the end to `ended`."""
         self._ended(params)
 
     def _ignored(self, *_arguments: object, **_keywords: object) -> None:
@@ -186,7 +186,7 @@ class Ends(CfdpUserBase):
 
 
 def local_entity(here: int) -> LocalEntityConfig:
-    """Return this end's settings."""
+    """Return the library's settings of this end."""
     indications = IndicationConfig(
         eof_sent_indication_required=False,
         eof_recv_indication_required=False,
@@ -196,9 +196,9 @@ def local_entity(here: int) -> LocalEntityConfig:
 
 
 def remote_entity(there: int) -> RemoteEntityConfigTable:
-    """Return what is held of the other end.
+    """Return the library's settings of the other end.
 
-    The modular checksum is the one every implementation must have (727.0-B 4.2.2).
+    Every implementation must support the modular checksum (727.0-B 4.2.2).
     """
     other = RemoteEntityConfig(
         entity_id=ByteFieldU8(there),
@@ -217,7 +217,7 @@ def remote_entity(there: int) -> RemoteEntityConfigTable:
 
 
 def is_good(outcome: FinishedParams) -> bool:
-    """Whether the file has arrived whole; an end that does not say what it did with it may have."""
+    """Return whether the file has arrived complete; an unreported file status counts as good."""
     return bool(
         outcome.condition_code == ConditionCode.NO_ERROR
         and outcome.delivery_code == DeliveryCode.DATA_COMPLETE
@@ -226,7 +226,7 @@ def is_good(outcome: FinishedParams) -> bool:
 
 
 def reason_of(outcome: FinishedParams) -> str:
-    """Return why a file has not arrived: the protocol's word, and the other end's own."""
+    """Return why a file has not arrived: the protocol's code and the other end's message."""
     word = str(outcome.condition_code.name)
     if outcome.condition_code == ConditionCode.NO_ERROR:
         word = f"{outcome.delivery_code.name}, {outcome.file_status.name}"

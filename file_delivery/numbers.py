@@ -1,4 +1,4 @@
-"""Numbers of transactions: 63 bits, never used twice, also when what was kept of them is lost."""
+"""Transaction numbers of 63 bits that are never used twice, even if the stored one is lost."""
 
 import fcntl
 import secrets
@@ -7,26 +7,26 @@ from pathlib import Path
 
 from file_delivery.durable import replace_file
 
-NUMBER_BITS = 63  # of a field of 8 octets
+NUMBER_BITS = 63  # in a field of 8 octets
 RANDOM_BITS = 10
 
 
 class Numbers:
-    """The numbers of one sender, kept in a file; several processes may take numbers at once.
+    """The numbers of one sender, stored in a file; several processes may use it at once.
 
-    Successive numbers follow one another. Where nothing is kept, they begin at the time of day in
-    microseconds with random low bits: beyond all numbers of the past, which grew more slowly.
+    Numbers increase by one. Without a stored number, they begin at the time of day in microseconds
+    with random low bits: above all numbers of the past, which grew more slowly than the time.
 
     Parameters
     ----------
-    path : of the file; its folder must exist
+    path : path of the file; its folder must exist
     """
 
     def __init__(self, path: Path) -> None:
         self._path = path
 
     def take(self) -> int:
-        """Return the next number. A file that cannot be written costs the order, never a reuse."""
+        """Return the next number; without a writable file, one out of order but never reused."""
         try:
             with self._path.with_suffix(".lock").open("w") as lock:
                 fcntl.flock(lock, fcntl.LOCK_EX)
@@ -45,5 +45,5 @@ class Numbers:
 
 
 def beginning() -> int:
-    """Return a number beyond all that were ever used."""
+    """Return a number above all that were ever used."""
     return time.time_ns() // 1000 << RANDOM_BITS | secrets.randbits(RANDOM_BITS)

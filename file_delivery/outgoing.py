@@ -1,4 +1,4 @@
-"""One file on its way to the other end."""
+"""One outgoing file."""
 
 from collections import deque
 from pathlib import Path
@@ -31,7 +31,7 @@ INBOUND_LIMIT = 256  # units that wait for the state machine
 
 
 class _Numbered(SourceHandler):
-    """The library's sender with a number of 64 bits; its own end at 32."""
+    """The library's sender with a transaction number of 64 bits; the library's have 32."""
 
     def __init__(self, ends: Pair, user: Ends, number: int) -> None:
         here, there = local_entity(ends.here), remote_entity(ends.there)
@@ -43,13 +43,13 @@ class _Numbered(SourceHandler):
 
 
 class Outgoing:
-    """One file, or a piece of it, on its way to the other end.
+    """One outgoing file, or a piece of a file.
 
     Parameters
     ----------
-    name : at the other end
-    piece : offset and size [B]; None: all
-    remove : remove the file once it has arrived
+    name : file name at the other end
+    piece : offset and size [B] of the part to send; None: the whole file
+    remove : whether to remove the local file once it has arrived
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class Outgoing:
     ) -> None:
         offset, size = piece if piece is not None else (0, path.stat().st_size)
         self.key: Key = (ends.here, number)
-        self.last_ns = 0  # of the newest word from the other end, or of new data sent
+        self.last_ns = 0  # time of the newest unit from the other end, or of new data sent
         self.outcome: TransferOutcome | None = None
         self.suspended = False
         self._ends, self._path, self._name, self._remove = ends, path, name, remove
@@ -77,7 +77,7 @@ class Outgoing:
 
     @property
     def transfer(self) -> Transfer:
-        """How far it is."""
+        """State and progress of the transfer."""
         state = TransferState.SENDING if self._started else TransferState.WAITING
         if self.suspended:
             state = TransferState.SUSPENDED
@@ -96,20 +96,20 @@ class Outgoing:
         )
         try:
             self._handler.put_request(request)
-        except REFUSALS as error:  # removed while it waited
+        except REFUSALS as error:  # the file was removed while it waited
             self.give_up(str(error))
 
     def answer(self, unit: GenericPduPacket, now_ns: int) -> None:
-        """Use a unit of the other end. Raises UnitError when it requests what is not there."""
+        """Process a unit of the other end. Raises UnitError: bytes beyond the file requested."""
         unit = with_number(unit, self.key[1])
         if isinstance(unit, NakPdu):
             unit = checked_request(unit, self._size)
         self.last_ns = now_ns
         if isinstance(unit, FinishedPdu):
-            if not is_good(unit.finished_params):  # the library has no ear for it at every time
+            if not is_good(unit.finished_params):  # the library ignores it in some states
                 self._refused(unit)
                 return
-            # it says that the end was announced, should that acknowledgement have been lost
+            # the unit shows that EOF was received, in case the acknowledgement of EOF was lost
             self._inbound.append(
                 acknowledgement(
                     unit, DirectiveType.EOF_PDU, unit.condition_code, TransactionStatus.ACTIVE
@@ -118,7 +118,7 @@ class Outgoing:
         self._inbound.append(unit)
 
     def pump(self, limit: int, now_ns: int) -> list[bytes]:
-        """Return at most so many units to send now."""
+        """Return at most `limit` units to send now; end a transfer that has timed out."""
         units = [self._last_words.popleft() for _ in range(min(limit, len(self._last_words)))]
         handler = self._handler
         while not self.suspended and len(units) < limit:
@@ -149,11 +149,11 @@ class Outgoing:
 
     @property
     def closed(self) -> bool:
-        """Whether it is over and nothing is left to be sent."""
+        """Whether the transfer has ended and no unit is left to send."""
         return self._drained and not self._last_words
 
     def cancel(self, reason: str) -> None:
-        """End the transfer and say so."""
+        """End the transfer and report this to the other end."""
         if self._started and self.outcome is None:
             conf: PduConfig = self._handler.pdu_conf
             condition = ConditionCode.CANCEL_REQUEST_RECEIVED
@@ -165,7 +165,7 @@ class Outgoing:
         self._end(ConditionCode.CANCEL_REQUEST_RECEIVED, reason)
 
     def give_up(self, reason: str) -> None:
-        """End the transfer without a word to the other end."""
+        """End the transfer without a report to the other end."""
         self._handler.reset()
         self._end(ConditionCode.INACTIVITY_DETECTED, reason)
 

@@ -1,11 +1,11 @@
-"""Names of files as the ground gives them, confined to one directory."""
+"""Resolves file names from the other end, confined to one directory."""
 
 from pathlib import Path, PurePosixPath
 
 from file_delivery.errors import DeliveryError
 
 UNKNOWN = "FILE_NOT_FOUND"
-HIDDEN = "."  # names that begin so are the daemon's own
+HIDDEN = "."  # names that begin with this are reserved for the daemon
 
 
 def confined(directory: Path, name: str) -> Path:
@@ -13,7 +13,7 @@ def confined(directory: Path, name: str) -> Path:
 
     Raises
     ------
-    DeliveryError FILE_NOT_FOUND: what cannot be named is treated as what is not there.
+    DeliveryError FILE_NOT_FOUND for a name that is not allowed, as for a missing file.
     """
     parts = PurePosixPath(name).parts
     if not parts or parts[0] == "/" or any(part.startswith(HIDDEN) for part in parts):

@@ -5,11 +5,11 @@ from enum import Enum
 
 from spacepackets.cfdp import ConditionCode
 
-Key = tuple[int, int]  # entity that sends, number of the transaction
+Key = tuple[int, int]  # sending entity, transaction number
 
 
 class TransferState(Enum):
-    """Where a transfer stands."""
+    """State of a transfer."""
 
     WAITING = "WAITING"
     SENDING = "SENDING"
@@ -19,25 +19,25 @@ class TransferState(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Transfer:
-    """A transfer that is not over."""
+    """A transfer that has not ended."""
 
     key: Key
     name: str
     size: int  # [B]; 0: not known yet
     done: int  # [B]
     state: TransferState
-    last_ns: int  # last unit from the other end, or last new data sent
+    last_ns: int  # time of the newest unit from the other end, or of new data sent
 
 
 @dataclass(slots=True)
 class TransferOutcome:
-    """How a transfer ended."""
+    """The end of a transfer."""
 
     condition: ConditionCode
     text: str  # name of the file, and the reason of a failure
-    answer: bytes | None = None  # to what may still come of a transfer that was refused
+    answer: bytes | None = None  # answers late units of a refused transfer
 
     @property
     def is_good(self) -> bool:
-        """Whether the file arrived whole."""
+        """Whether the file arrived complete."""
         return bool(self.condition == ConditionCode.NO_ERROR)

@@ -1,7 +1,7 @@
-"""Protocol units of file delivery: parsing, and what is refused before the library sees it.
+"""Protocol units of file delivery: parsing, and checks before the library receives a unit.
 
 The library trusts offsets and requests: a request for 4 GB would be prepared in memory, a unit with
-a far offset would make a file of that size. Everything here is checked against limits first.
+a far offset would make a file of that size. So every unit is checked against limits first.
 """
 
 import struct
@@ -42,8 +42,8 @@ UNPARSABLE = (
     UnsupportedCfdpVersionError,
     TlvTypeMissmatchError,
 )
-MESSAGE_BYTES = 96  # of a reason, and of a name that is sent back
-MAX_REQUESTED_BYTES = 1 << 20  # of one request for lost data; the rest is requested again
+MESSAGE_BYTES = 96  # most bytes of a reason, and of a name, in a refusal
+MAX_REQUESTED_BYTES = 1 << 20  # most bytes of one request for lost data; the rest follows later
 
 
 class UnitError(Exception):
@@ -56,7 +56,7 @@ def parse(raw: bytes, max_file_bytes: int) -> GenericPduPacket:
         unit = PduFactory.from_raw(raw)
         if unit is None:
             raise UnitError("no known unit")
-        if isinstance(unit, EofPdu):  # the library leaves it where it stands in its byte
+        if isinstance(unit, EofPdu):  # the library does not shift it down in its byte
             unit.condition_code = ConditionCode(int(unit.condition_code) >> 4)
         _read_all(unit)
         known = len(unit.pack())
@@ -67,7 +67,7 @@ def parse(raw: bytes, max_file_bytes: int) -> GenericPduPacket:
     if isinstance(unit, FileDataPdu):
         size = unit.offset + len(unit.file_data)
     else:
-        size = unit.file_size if isinstance(unit, EofPdu) else 0  # metadata are refused in words
+        size = unit.file_size if isinstance(unit, EofPdu) else 0  # metadata: `FileEntity` checks
     if (size or 0) > max_file_bytes:
         raise UnitError(f"a file of {size} bytes; at most {max_file_bytes}")
     return unit
@@ -81,9 +81,9 @@ def _read_all(unit: GenericPduPacket) -> None:
 
 
 def packed(holder: PduHolder) -> bytes | None:
-    """Return a unit as bytes; None of one that has no form, an answer to a strange unit.
+    """Return a unit as bytes; None if there is none or it cannot be packed.
 
-    The library's own `pack` of a holder is deprecated.
+    The `pack` method of the library's holder is deprecated.
     """
     try:
         return bytes(holder.pdu.pack()) if holder.pdu is not None else None
@@ -92,20 +92,20 @@ def packed(holder: PduHolder) -> bytes | None:
 
 
 def is_for_sender(unit: GenericPduPacket) -> bool:
-    """Whether a unit answers something this end sends (CCSDS 727.0-B 4.5.3)."""
+    """Return whether a unit is directed to the sender of its file (CCSDS 727.0-B 4.5.3)."""
     return bool(unit.direction == Direction.TOWARDS_SENDER)
 
 
 def transaction_of(unit: GenericPduPacket) -> tuple[int, int]:
-    """Return what a transaction is known by: its source and its number."""
+    """Return the key of a unit's transaction: source entity and transaction number."""
     return unit.source_entity_id.value, unit.transaction_seq_num.value
 
 
 def is_number_of(unit: GenericPduPacket, key: tuple[int, int]) -> bool:
-    """Whether a unit answers a transaction of this end.
+    """Return whether a unit answers the transaction `key` of this end.
 
-    LibreCube's receiver answers with the lowest octet of the number alone, whatever its length.
-    Numbers that follow one another differ in it.
+    LibreCube's receiver answers with the lowest octet of the number only. Successive numbers differ
+    in this octet.
     """
     field = unit.transaction_seq_num
     mask = (1 << 8 * field.byte_len) - 1
@@ -113,18 +113,18 @@ def is_number_of(unit: GenericPduPacket, key: tuple[int, int]) -> bool:
 
 
 def with_number(unit: GenericPduPacket, number: int) -> GenericPduPacket:
-    """Return an answer with the whole number of its transaction."""
+    """Set the full transaction number in an answer and return the answer."""
     unit.pdu_header.pdu_conf.transaction_seq_num = ByteFieldU64(number)
     return unit
 
 
 def directive(unit: GenericPduPacket) -> DirectiveType | None:
-    """Return the kind of a directive; None of file data."""
+    """Return the kind of a directive; None for file data."""
     return unit.directive_type if isinstance(unit, AbstractFileDirectiveBase) else None
 
 
 def renamed(unit: MetadataPdu, name: str) -> MetadataPdu:
-    """Return metadata that send the file to another name."""
+    """Return the metadata with another name of the destination file."""
     params = MetadataParams(
         closure_requested=unit.closure_requested,
         checksum_type=unit.checksum_type,
@@ -136,11 +136,11 @@ def renamed(unit: MetadataPdu, name: str) -> MetadataPdu:
 
 
 def checked_request(unit: NakPdu, file_size: int) -> NakPdu:
-    """Return a request for lost data, cut to the largest size of one request.
+    """Return a request for lost data, cut to `MAX_REQUESTED_BYTES`.
 
     Raises
     ------
-    UnitError when it asks for what the file does not have.
+    UnitError when bytes beyond the file are requested.
     """
     left = MAX_REQUESTED_BYTES
     taken: list[tuple[int, int]] = []
@@ -181,12 +181,12 @@ def refusal(
 
 
 def needs_answer(unit: GenericPduPacket) -> bool:
-    """Whether the sender of a unit waits for the end of its transaction."""
+    """Return whether the sender of a unit waits for the report of the transaction's end."""
     return isinstance(unit, MetadataPdu | EofPdu)
 
 
 def late_acknowledgement(unit: GenericPduPacket, condition: ConditionCode) -> AckPdu | None:
-    """Return the answer to a unit of a transaction that is over; None when it needs none.
+    """Return the acknowledgement of a unit whose transaction has ended; None if it needs none.
 
     Source: CCSDS 727.0-B 4.7.2.
     """
@@ -202,7 +202,7 @@ def acknowledgement(
     condition: ConditionCode,
     status: TransactionStatus,
 ) -> AckPdu:
-    """Return an acknowledgement within the transaction of a unit; it sets its own direction."""
+    """Return an acknowledgement within the transaction of a unit; AckPdu sets the direction."""
     return AckPdu(towards_sender(unit), kind, condition, status)
 
 

@@ -1,4 +1,4 @@
-"""Open MCT's own files: fetched once by npm, checked, and served as they are."""
+"""The files of Open MCT: fetched once by npm, checked, and served unchanged."""
 
 import base64
 import hashlib
@@ -18,13 +18,13 @@ NPM_TIMEOUT_S = 300.0
 
 
 def default_folder() -> Path:
-    """Return where the files are kept for this user."""
+    """Return the folder of these files in the user's cache."""
     cache = os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()
     return Path(cache) / "inertia-ground" / PACKAGE.replace("@", "-")
 
 
 def fetch(folder: Path) -> Path:
-    """Fetch the files unless they are there; return their folder. Raises GroundError."""
+    """Fetch the files unless they exist; return their folder. Raises GroundError."""
     if (folder / ENTRY).exists():
         return folder
     with TemporaryDirectory() as temporary:
@@ -51,7 +51,7 @@ def fetch(folder: Path) -> Path:
 
 
 def _unpack(archive: Path, folder: Path) -> None:
-    """Unpack what a browser asks for; it takes its place when it is whole."""
+    """Unpack the files that a browser needs; move them to `folder` when all are complete."""
     folder.parent.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory(dir=folder.parent) as temporary, tarfile.open(archive) as tar:
         new = Path(temporary) / "dist"

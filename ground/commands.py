@@ -1,4 +1,4 @@
-"""Telecommands by the XTCE: what there is, and packets with arguments given as text."""
+"""The telecommands of the XTCE, and their packets from arguments given as text."""
 
 import math
 import struct
@@ -38,7 +38,7 @@ class Argument:
     doc: str = ""
 
     def encode(self, text: str, *, checked: bool) -> bytes:
-        """Return the value a text stands for. Raises UsageError."""
+        """Return a value, given as text, as bytes; `checked`: within limits. Raises UsageError."""
         if self.kind == "binary":
             return self._binary(text)
         if self.kind == "string":
@@ -64,7 +64,7 @@ class Argument:
 
     def _text(self, text: str, *, checked: bool) -> bytes:
         raw, room = text.encode(), self.bits // 8
-        if len(raw) > room - checked:  # at least one zero ends it
+        if len(raw) > room - checked:  # a zero must end the text
             raise UsageError(f"{self.name}: {len(raw)} bytes; at most {room - checked}")
         if checked and not (text and text.isascii() and text.isprintable()):
             raise UsageError(f"{self.name}: {text!r}; must be printable ASCII, not empty")
@@ -98,12 +98,12 @@ class GroundCommand:
     service: int
     subtype: int
     entries: tuple[bytes | Argument, ...]
-    significance: str = "normal"  # or vital, critical: to be confirmed before it is sent
+    significance: str = "normal"  # vital or critical: to be confirmed before sending
     warning: str = ""
 
     @property
     def arguments(self) -> tuple[Argument, ...]:
-        """Return what has to be given."""
+        """Return the arguments, in their order on the wire."""
         return tuple(entry for entry in self.entries if isinstance(entry, Argument))
 
     def data(self, given: Mapping[str, str], *, checked: bool = True) -> bytes:
@@ -162,7 +162,7 @@ class Catalogue:
         return command.packet(command.data(given, checked=checked), sequence)
 
     def at(self, packet: bytes, release_s: float, sequence: int) -> bytes:
-        """Return the packet that keeps another one until a mission elapsed time."""
+        """Return the telecommand that schedules a packet for a mission elapsed time [s]."""
         coarse, fine = divmod(round(release_s * FRACTIONS_PER_S), FRACTIONS_PER_S)
         given = {
             "release_p_field": str(P_FIELD),
@@ -173,7 +173,7 @@ class Catalogue:
         return self.build(INSERT, given, sequence)
 
     def on(self, packet: bytes, event: str, sequence: int) -> bytes:
-        """Return the packet that keeps another one as the action of an event."""
+        """Return the telecommand that makes a packet the action of an event."""
         given = {"apid": str(self.find(ON_EVENT).apid), "event": event, "request": packet.hex()}
         return self.build(ON_EVENT, given, sequence)
 
@@ -183,7 +183,7 @@ class Catalogue:
             raise UsageError(f"{MULTIPLE}: give PARAMETER=VALUE, one or more")
         settings = [(self.find(SETTING + name), value) for name, value in given.items()]
         parts = [
-            command.data({"value": value}, checked=checked)[1:]  # without its count
+            command.data({"value": value}, checked=checked)[1:]  # without the leading count
             for command, value in settings
         ]
         return settings[0][0].packet(bytes((len(parts),)) + b"".join(parts), sequence)

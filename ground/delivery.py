@@ -1,4 +1,4 @@
-"""Files to and from the daemon over one link: CFDP class 2 in the link's own packets."""
+"""File transfers to and from the daemon over one link: CFDP class 2 in the link's packets."""
 
 import time
 import zlib
@@ -20,9 +20,9 @@ from ground.verification import EXIT_CODES, VerificationOutcome, follow
 
 DELIVERED = "files"  # the daemon's folder that file delivery works in
 LOOK_S = 0.02
-ANSWER_S = 5.0  # for a telecommand to be answered
-STALL_S = 6.0  # without a word about a transfer: it is begun again
-LINGER_S = 2.0  # after the file is whole, for the last acknowledgements
+ANSWER_S = 5.0  # longest wait for the answer to a telecommand
+STALL_S = 6.0  # longest time without a unit of a transfer; then the link counts as lost
+LINGER_S = 2.0  # longest wait for the last acknowledgements of a complete file
 ENDS = Pair(here=GROUND, there=DAEMON)
 NOT_ANSWERED = (VerificationOutcome.NO_ANSWER, VerificationOutcome.UNFINISHED)
 NOT_FOUND = "FILE_NOT_FOUND"
@@ -30,7 +30,7 @@ Progress = Callable[[str], None]
 
 
 class RefusedError(GroundError):
-    """The daemon refused a telecommand, or it failed; `error` is its reason."""
+    """The daemon refused a telecommand, or the telecommand failed; `error` is the reason."""
 
     def __init__(self, message: str, exit_code: int, error: str) -> None:
         super().__init__(message, exit_code)
@@ -58,10 +58,10 @@ class Delivery:
 
     Parameters
     ----------
-    timeout_s : of one file or piece
-    progress : receives what an operator may like to know
+    timeout_s : longest time for one file or piece [s]
+    progress : receives lines of text about the progress
     number : returns the number of a new transaction, never used before
-    is_wanted : False as soon as the operator has cancelled the transfer
+    is_wanted : returns False as soon as the operator has cancelled the transfer
     """
 
     def __init__(
@@ -86,7 +86,7 @@ class Delivery:
         return self._link.is_heard
 
     def fetch(self, remote: str, offset: int, size: int) -> bytes:
-        """Return a piece of a file. Raises GroundError."""
+        """Return `size` bytes of a remote file from byte `offset` on. Raises GroundError."""
         token = f"piece-{self._number():x}"
         given = {"path": remote, "offset": str(offset), "size_bytes": str(size), "name": token}
         packet = self._catalogue.build("DOWNLINK_PIECE", given, self._link.next_sequence())
@@ -122,7 +122,7 @@ class Delivery:
         )
 
     def ask(self, name: str, **given: str) -> list[Sample]:
-        """Send a telecommand; return the answers. Raises RefusedError or LinkError."""
+        """Send a telecommand; return its answers of service 23. Raises RefusedError, LinkError."""
         packet = self._catalogue.build(name, given, self._link.next_sequence())
         for verification, sample in follow(self._link, self._decoder, packet, ANSWER_S):
             if sample is not None or verification.outcome is VerificationOutcome.COMPLETED:
@@ -137,12 +137,13 @@ class Delivery:
         return [s for s in verification.answers if s.service == 23]
 
     def _carry(self, entity: FileEntity, what: str, name: str, request: bytes | None) -> None:
-        """Carry units both ways until the one transfer is over. Raises GroundError.
+        """Exchange units until the entity's transfer has ended. Raises GroundError.
 
         Parameters
         ----------
-        name : with which the entity reports its end
-        request : the telecommand that began it; a refusal of it ends it
+        what : words for the transfer in errors and progress
+        name : start of the text with which the entity reports the end
+        request : the telecommand that began the transfer; its refusal ends the transfer
         """
         begun_ns = told_ns = time.monotonic_ns()
         try:
@@ -195,14 +196,14 @@ class Delivery:
         try:
             self._send_units(entity)
         except GroundError:
-            return  # the link is lost: the other end finds out by itself
+            return  # the link is lost: the other end times out
 
     def _send_units(self, entity: FileEntity) -> None:
         for unit in entity.poll(time.monotonic_ns()):
             self._link.send(self._wrapped(unit))
 
     def _check_refusal(self, raw: bytes, request: bytes) -> None:
-        """Look for a report that the request was refused. Raises RefusedError."""
+        """Raise RefusedError if a packet reports that the request was refused or failed."""
         sample = self._decoder.decode(raw)
         if sample.service != 1 or "error" not in sample.values:
             return
@@ -216,7 +217,7 @@ class Delivery:
             raise RefusedError(f"the daemon: {error}", EXIT_CODES[outcome], error)
 
     def _wrapped(self, unit: bytes) -> bytes:
-        """Return a unit in a packet: no secondary header, no CRC."""
+        """Return a unit in a space packet without secondary header and CRC."""
         self._count = (self._count + 1) % COUNT_14
         header = SpacePacketHeader(
             packet_type=PacketType.TC,
@@ -229,7 +230,7 @@ class Delivery:
 
 
 def facts_of(path: Path) -> Facts:
-    """Return size and CRC of a file here. Raises OSError."""
+    """Return size and CRC of a local file. Raises OSError."""
     size = crc32 = 0
     with path.open("rb") as file:
         while data := file.read(1 << 20):

@@ -1,11 +1,11 @@
-"""Telemetry stream to packets, in clear or from authenticated frames.
+"""Splits a telemetry stream into packets, in clear or from authenticated frames.
 
 A frame is one of CCSDS 732.1-B (USLP) with the security of 355.0-B, and carries one packet:
 
     header 7 | SPI 2 | IV 12 | encrypted: 0xE0, packet | MAC 16 | FECF 2      [bytes, big-endian]
 
-The IV is a number of 6 bytes that rises from frame to frame, and 6 random bytes. A frame counts
-when its MAC is right and its IV is above every one seen, also by an earlier run.
+The IV is a number of 6 bytes that rises from frame to frame, and 6 random bytes. A frame is
+accepted if its MAC is right and its number is above all received before, also by an earlier run.
 """
 
 import struct
@@ -29,11 +29,11 @@ USLP = 0xC << 28
 EXPEDITED = 0x80  # bypass of sequence control; no OCF, no frame count
 WHOLE_PACKETS = 0xE0  # construction rule 7, protocol 0
 AUTHENTICATED_BITS = 0x7FE  # of the header's first word: virtual channel, MAP
-KEEP_S = 1.0  # the highest IV goes to the disk so often
+KEEP_S = 1.0  # between two writes of the highest IV number to the disk
 
 
 class PacketStream(Protocol):
-    """Cuts what comes down."""
+    """Splits received bytes into packets."""
 
     @property
     def is_authenticated(self) -> bool:
@@ -42,7 +42,7 @@ class PacketStream(Protocol):
 
     @property
     def rejected(self) -> int:
-        """Frames that were not authentic, or repeated."""
+        """Number of frames that were not authentic, or repeated."""
         ...
 
     def add(self, data: bytes) -> None:
@@ -50,16 +50,16 @@ class PacketStream(Protocol):
         ...
 
     def packets(self) -> Iterator[bytes]:
-        """Yield the packets that are whole. Raises LinkError when there can be none."""
+        """Yield the complete packets. Raises LinkError if the bytes are not telemetry."""
         ...
 
     def close(self) -> None:
-        """Keep what has to outlive this run."""
+        """Store the state that the next run needs."""
         ...
 
 
 class ClearStream:
-    """Packets in clear; anybody on the way can have made them."""
+    """Packets in clear, which anybody on the network can have made."""
 
     is_authenticated = False
     rejected = 0
@@ -72,11 +72,11 @@ class ClearStream:
         self._buffer += data
 
     def packets(self) -> Iterator[bytes]:
-        """Yield the packets that are whole. Raises LinkError when there can be none."""
+        """Yield the complete packets. Raises LinkError if the bytes are not telemetry."""
         return split(self._buffer)
 
     def close(self) -> None:
-        """Nothing is kept."""
+        """Do nothing: there is no state to store."""
 
 
 class FrameStream:
@@ -84,8 +84,8 @@ class FrameStream:
 
     Parameters
     ----------
-    key_file : 32 bytes, closed to others; a file that was replaced is read again
-    state_folder : where the highest IV of each key is kept
+    key_file : file of 32 bytes, mode 0600; a replaced file is read again
+    state_folder : folder that stores the highest IV number of each key
     """
 
     is_authenticated = True
@@ -104,7 +104,7 @@ class FrameStream:
         self._buffer = bytearray()
         self.rejected = 0
         self.skipped_bytes = 0
-        self._following = 0  # the lowest IV that counts, as a number
+        self._following = 0  # lowest IV number that is accepted
         self._kept_s = 0.0
         self._load()
 
@@ -113,7 +113,7 @@ class FrameStream:
         self._buffer += data
 
     def packets(self) -> Iterator[bytes]:
-        """Yield the packets of authentic frames that were never seen."""
+        """Yield the packets of frames that are authentic and not repeated."""
         while len(self._buffer) >= HEADER_BYTES:
             first, length, flags = struct.unpack_from(">IHB", self._buffer)
             length += 1
@@ -123,7 +123,7 @@ class FrameStream:
             if len(self._buffer) < length:
                 return
             frame = bytes(self._buffer[:length])
-            if crc16.ibm_3740(frame) != 0:  # a frame and its own CRC
+            if crc16.ibm_3740(frame) != 0:  # over a frame with its CRC
                 self.rejected += 1
                 self._skip()
                 continue
@@ -135,20 +135,20 @@ class FrameStream:
                 yield packet
 
     def close(self) -> None:
-        """Keep the highest IV."""
+        """Store the highest IV number on the disk."""
         following = self._following
         self._numbers.change(lambda current: max(current, following))
         self._kept_s = time.monotonic()
 
     def _skip(self) -> None:
-        """Discard up to where a frame may begin."""
+        """Discard bytes up to the next possible start of a frame."""
         start = self._buffer.find(self._first.to_bytes(4, "big"), 1)
         count = start if start > 0 else max(1, len(self._buffer) - 3)
         del self._buffer[:count]
         self.skipped_bytes += count
 
     def _open(self, frame: bytes) -> bytes | None:
-        """Return the packet of a frame, None unless it is authentic and new."""
+        """Return the packet of a frame; None if the frame is not authentic or not new."""
         iv = frame[DATA_AT - IV_BYTES : DATA_AT]
         data = self._decrypt(frame, iv)
         if data is None and self._is_replaced():
@@ -175,7 +175,7 @@ class FrameStream:
         """Read the key file again; return whether it holds another key than before."""
         try:
             replaced = self._key.refresh()
-        except UsageError:  # it is being replaced
+        except UsageError:  # the file is being replaced
             return False
         if replaced:
             self._load()

@@ -7,7 +7,7 @@ LINK, USAGE, REJECTED, FAILED, NO_ANSWER = 1, 2, 3, 4, 5
 
 
 class GroundError(Exception):
-    """A fault with an exit code; its message is for the operator."""
+    """An error with the exit code of the program; its message is for the operator."""
 
     def __init__(self, message: str, exit_code: int) -> None:
         super().__init__(message)
@@ -15,21 +15,21 @@ class GroundError(Exception):
 
 
 class LinkError(GroundError):
-    """The daemon cannot be reached, or what comes from it is no telemetry."""
+    """The daemon cannot be reached, or the received bytes are not telemetry."""
 
     def __init__(self, message: str) -> None:
         super().__init__(message, LINK)
 
 
 class UsageError(GroundError):
-    """A command or argument the dictionary does not have."""
+    """A command, an argument or a local file is wrong."""
 
     def __init__(self, message: str) -> None:
         super().__init__(message, USAGE)
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return words about the known names that are like a wrong one; empty when none is."""
+    """Return a hint with the known names similar to a wrong one; empty if there are none."""
     by_upper = {item.upper(): item for item in known}
     near = get_close_matches(name.upper(), by_upper, n=3)
     near += [item for item in by_upper if name and name.upper() in item and item not in near]

@@ -1,4 +1,4 @@
-"""The `file` subcommands: transfers and what lies in the daemon's folders."""
+"""The `file` subcommands: file transfers, and management of the daemon's folders."""
 
 import argparse
 import sys
@@ -16,18 +16,18 @@ from ground.telemetry import TelemetryDecoder
 from ground.transfers import Connect, Records, ResumableTransfer, SpoiledError, carry_on
 
 RECORDS, NUMBERS = "transfers", "transactions"  # in the state folder
-EVERY_S = 5.0  # between two lines of progress that no terminal shows
-PLACE = "/"  # between source and number of a transaction
+EVERY_S = 5.0  # between two lines of progress if stderr is not a terminal
+PLACE = "/"  # separates source and number of a transaction
 
 LinkMaker = Callable[[], Link]
 
 
 class Files:
-    """The daemon's files, for one command line.
+    """Runs one `file` subcommand; the public methods return the exit code.
 
     Parameters
     ----------
-    make_link : opens a link
+    make_link : opens a link to the daemon
     """
 
     def __init__(self, arguments: argparse.Namespace, make_link: LinkMaker) -> None:
@@ -40,7 +40,7 @@ class Files:
         self._progress = ProgressLines()
 
     def get(self) -> int:
-        """Fetch a file."""
+        """Fetch a file from the daemon."""
         remote = self._arguments.remote
         local = (self._arguments.local or Path(PurePosixPath(remote).name)).absolute()
         return self._run(
@@ -50,7 +50,7 @@ class Files:
         )
 
     def put(self) -> int:
-        """Send a file."""
+        """Send a file to the daemon."""
         remote = self._arguments.remote or self._arguments.local.name
         local = self._arguments.local.absolute()
         return self._run(
@@ -60,7 +60,7 @@ class Files:
         )
 
     def resume(self) -> int:
-        """Continue one transfer, or all."""
+        """Continue one interrupted transfer, or all of them."""
         wanted = self._arguments.id
         records = self._records.all() if wanted is None else [self._records.find(wanted)]
         if not records:
@@ -75,13 +75,13 @@ class Files:
         return max(codes, default=0)
 
     def cancel(self) -> int:
-        """Cancel a transfer: one of ours by its id, one on board by source and number."""
+        """Cancel a transfer: one of this state folder by its id, one on board by SOURCE/NUMBER."""
         name = self._arguments.id
         source, place, number = name.partition(PLACE)
         if place:
             return self._tell_daemon("ABORT_TRANSFER", source=source, number=number)
         transfer = ResumableTransfer(self._records.find(name), self._records, self._progress)
-        transfer.discard(None)  # this ends a program that is at it
+        transfer.discard(None)  # this ends a program that runs the transfer
         try:
             with self._connected()() as delivery:
                 transfer.discard(delivery)
@@ -92,7 +92,7 @@ class Files:
         return 0
 
     def transfers(self) -> int:
-        """List the transfers that are not over: ours, then those on board."""
+        """List the unfinished transfers: those of this state folder, then those on board."""
         for record in self._records.all():
             print(
                 f"{record.id}  {record.direction}  {record.size:12d}  "
@@ -207,14 +207,14 @@ class Files:
 
 
 class Wanted:
-    """Whether a transfer's record is still there: `ground file cancel` removes it."""
+    """Callable: is a transfer still wanted? `ground file cancel` removes the transfer's record."""
 
     def __init__(self, records: Records, transfer: ResumableTransfer) -> None:
         self._records, self._transfer = records, transfer
         self._looked_s = 0.0
 
     def __call__(self) -> bool:
-        """Look, at most five times a second."""
+        """Return whether the record exists; check this at most five times a second."""
         now_s = time.monotonic()
         if now_s - self._looked_s < 0.2:
             return True
@@ -223,13 +223,13 @@ class Wanted:
 
 
 class ProgressLines:
-    """Progress on stderr: on a terminal one line, written again; elsewhere a line at times."""
+    """Progress on stderr: one line that is rewritten on a terminal, else a line every `EVERY_S`."""
 
     def __init__(self) -> None:
         self._next_s = 0.0
 
     def __call__(self, text: str) -> None:
-        """Show a text, unless the last line is too young."""
+        """Show a text; if stderr is not a terminal, at most one every `EVERY_S`."""
         now_s = time.monotonic()
         if sys.stderr.isatty():
             print(f"\r\x1b[K{text}", end="", file=sys.stderr, flush=True)

@@ -12,16 +12,16 @@ from ground.errors import UsageError
 from ground.verification import Verification
 
 NAME = "commands.jsonl"
-LIMIT_BYTES = 4 << 20  # then the file becomes NAME.1
+LIMIT_BYTES = 4 << 20  # a larger file is renamed to NAME.1
 
 
 class CommandHistory:
-    """Lines of JSON in the ground's state folder.
+    """The history as lines of JSON in the ground's state folder.
 
     Parameters
     ----------
-    folder : of the ground's state
-    target : daemon that the commands go to, HOST:PORT
+    folder : state folder of the ground
+    target : address of the daemon that receives the commands, HOST:PORT
     """
 
     def __init__(self, folder: Path, target: str = "") -> None:
@@ -54,7 +54,7 @@ class CommandHistory:
             raise UsageError(f"{self._path}: {error.strerror or error}") from error
 
     def read(self, count: int) -> list[dict[str, Any]]:
-        """Return the newest commands, oldest first; damaged lines are left out."""
+        """Return the newest `count` commands, the oldest first; skip damaged lines."""
         found = []
         for path in (self._path.with_name(f"{NAME}.1"), self._path):
             if not path.exists():

@@ -1,4 +1,4 @@
-"""Key files: 32 bytes, closed to others; a file that was replaced is read again."""
+"""Key files: 32 bytes, mode 0600; a replaced file is read again."""
 
 import hashlib
 from pathlib import Path
@@ -15,7 +15,7 @@ class KeyFile:
 
     Raises
     ------
-    UsageError when it cannot be read, has another size, or is open to others.
+    UsageError when the file cannot be read, has another size, or is open to others.
     """
 
     def __init__(self, path: Path) -> None:

@@ -19,8 +19,8 @@ class Link:
 
     Parameters
     ----------
-    sealer : seals telecommands; None: they go in clear, which the daemon accepts on loopback only
-    stream : cuts what comes down; None: it is in clear
+    sealer : seals telecommands; None: they are in clear, which the daemon accepts on loopback only
+    stream : splits the received bytes into packets; None: the packets are in clear
 
     Raises
     ------
@@ -32,7 +32,7 @@ class Link:
     ) -> None:
         self.sealer = sealer
         self.stream = stream or ClearStream()
-        self.is_heard = False  # whether a packet has come
+        self.is_heard = False  # whether a packet was received
         self._sequence = secrets.randbelow(COUNT_14)
         try:
             self._socket = socket.create_connection((host, port), CONNECT_TIMEOUT_S)
@@ -40,7 +40,7 @@ class Link:
             raise LinkError(f"{host}:{port}: {error.strerror or error}") from error
 
     def next_sequence(self) -> int:
-        """Return the sequence count of the next telecommand; other clients have other ones."""
+        """Return the sequence count of the next telecommand; the first one is random."""
         self._sequence = (self._sequence + 1) % COUNT_14
         return self._sequence
 
@@ -53,7 +53,7 @@ class Link:
             raise LinkError(f"lost: {error.strerror or error}") from error
 
     def packets(self, until_s: float) -> Iterator[bytes]:
-        """Yield packets until a time of the monotonic clock. Raises LinkError when it is lost."""
+        """Yield packets until `until_s` of the monotonic clock [s]. Raises LinkError: link lost."""
         while True:
             for packet in self.stream.packets():
                 self.is_heard = True
@@ -73,6 +73,6 @@ class Link:
             self.stream.add(data)
 
     def close(self) -> None:
-        """Close."""
+        """Close the stream and the connection."""
         self.stream.close()
         self._socket.close()

@@ -1,4 +1,4 @@
-"""A number kept in a file that several programs change, and that no crash sets back."""
+"""A number in a file: several programs may change the number, and no crash sets it back."""
 
 import fcntl
 import json
@@ -10,11 +10,11 @@ from ground.errors import UsageError
 
 
 class NumberFile:
-    """The next number of something; 0 when there is no file.
+    """A file that stores the next number of a series; 0 when there is no file.
 
     Parameters
     ----------
-    path : ends in .json; beside it lies a lock
+    path : path of the file, ends in .json; a lock file is placed beside it
     """
 
     def __init__(self, path: Path) -> None:
@@ -22,11 +22,11 @@ class NumberFile:
 
     @property
     def is_new(self) -> bool:
-        """Whether nothing was ever kept."""
+        """Whether no number has been stored yet."""
         return not self._path.exists()
 
     def change(self, step: Callable[[int], int]) -> int:
-        """Replace the number by `step` of it, on the disk when this returns; return the old one.
+        """Store `step(number)` on the disk in place of the number; return the old number.
 
         Raises
         ------

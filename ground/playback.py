@@ -1,8 +1,8 @@
-"""Playback of missed telemetry: which time ranges a kept stream lacks, and asking for them.
+"""Playback of missed telemetry: finds the time ranges that a stored stream lacks, requests them.
 
-A stream is what `ground tm --raw` writes: packets one after the other. Sequence counts say what it
-lacks; times in the packets say when that was. Retrieved packets are the same bytes as the first
-time, so one that is there already is left out.
+A stream is a file of `ground tm --raw`: packets one after the other. Gaps in the sequence counts
+show that packets are missing; the times in the packets give the range. A retrieved packet has the
+same bytes as when it was first sent, so packets that are already in the file are left out.
 """
 
 import time
@@ -23,15 +23,15 @@ STORES_OF = {100: ("EVENTS", "HOUSEKEEPING"), 102: ("SCIENCE",)}  # by APID
 COUNT_14 = 1 << 14
 P_FIELD = 0x2F
 TIME_AT = HEADER_BYTES + 7  # of the P-field in a packet with a secondary header
-LAST_S = float((1 << 32) - 1)  # that a time can name: until now
-MOST_RANGES = 32  # of one store; more are requested as one
+LAST_S = float((1 << 32) - 1)  # latest time that a packet can hold: stands for now
+MOST_RANGES = 32  # most ranges of a store; more are requested as one
 SECONDARY_HEADER = 0x08
 VERIFICATION = 1  # service
 
 
 @dataclass(frozen=True, slots=True, order=True)
 class Range:
-    """Mission elapsed times [s], both ends included."""
+    """A range of mission elapsed times [s], both ends included."""
 
     from_s: float
     to_s: float
@@ -47,9 +47,9 @@ def time_of(packet: bytes) -> float | None:
 
 
 def missing_ranges(packets: Iterable[bytes]) -> dict[str, list[Range]]:
-    """Return what a stream lacks by packet store: gaps in sequence counts, and all since its end.
+    """Return the missing ranges by packet store: gaps in sequence counts, and from the end to now.
 
-    A stream without packets of an APID lacks everything of its stores.
+    If the stream has no packets of an APID, the range of its stores is all time.
     """
     timed = [(apid(packet), t_s, packet) for packet in packets if (t_s := time_of(packet))]
     timed.sort(key=lambda item: item[:2])
@@ -68,7 +68,7 @@ def missing_ranges(packets: Iterable[bytes]) -> dict[str, list[Range]]:
 
 
 def merged(ranges: Sequence[Range]) -> list[Range]:
-    """Return ranges in order without overlap; one around all when there are too many."""
+    """Return the ranges in order without overlap; one range around all if there are too many."""
     joined: list[Range] = []
     for item in sorted(ranges):
         if joined and item.from_s <= joined[-1].to_s:
@@ -81,7 +81,7 @@ def merged(ranges: Sequence[Range]) -> list[Range]:
 
 
 def read_stream(path: Path) -> list[bytes]:
-    """Return the packets of a kept stream. Raises UsageError."""
+    """Return the packets of a stored stream. Raises UsageError."""
     try:
         return list(split(bytearray(path.read_bytes())))
     except (OSError, LinkError) as error:
@@ -96,10 +96,10 @@ def retrieve(
     wanted: Range,
     timeout_s: float,
 ) -> tuple[Verification, list[bytes]]:
-    """Ask for the packets of a store and time range; return the outcome and what came of it.
+    """Request the packets of a store and time range; return verification and received packets.
 
-    Packets that go down for the first time meanwhile are among them when they are in the range.
-    Raises LinkError.
+    Packets that are sent for the first time meanwhile are included if they are in the range, or if
+    the range begins at 0. Raises LinkError.
     """
     packet = catalogue.build(COMMAND, _arguments(store, wanted), link.next_sequence())
     words = int.from_bytes(packet[:2], "big"), int.from_bytes(packet[2:4], "big")
@@ -134,7 +134,7 @@ def _count(packet: bytes) -> int:
 
 
 def new_packets(known: Iterable[bytes], came: Iterable[bytes]) -> list[bytes]:
-    """Return what came and was not known, each once, in the order in which it came."""
+    """Return the received packets that are not known, each once, in order of arrival."""
     seen = set(known)
     found = []
     for packet in came:

@@ -1,8 +1,8 @@
 """The sending end of authenticated telecommands: CCSDS 355.0-B on TC frames of 232.0-B.
 
-An IV is the next number of the key (6 bytes) and 6 random bytes. The number is written down as used
-before it is. If it is lost all the same (another state folder, an old copy of it), the random bytes
-keep the key from sealing two frames with one IV.
+An IV is the next number of the key (6 bytes) and 6 random bytes. The number is stored as used
+before the frame is made. If the stored number is lost (another state folder, an old copy of it),
+the random bytes prevent that the key seals two frames with one IV.
 """
 
 import secrets
@@ -23,12 +23,12 @@ BYPASS = 1 << 13
 
 
 class Sealer:
-    """Seals packets with the key in a file.
+    """Seals (encrypts and authenticates) packets with the key in a file.
 
     Parameters
     ----------
-    key_file : 32 bytes, closed to others; a file that was replaced is read again
-    state_folder : where the next number of each key is kept
+    key_file : file of 32 bytes, mode 0600; a replaced file is read again
+    state_folder : folder that stores the next number of each key
     """
 
     def __init__(
@@ -44,7 +44,7 @@ class Sealer:
         self._spi, self._first, self._channel = spi, BYPASS | spacecraft_id, virtual_channel
 
     def seal(self, packet: bytes) -> bytes:
-        """Return the frame of one packet, under the next number. Raises UsageError."""
+        """Return the sealed frame of one packet, with the next number. Raises UsageError."""
         length = OVERHEAD_BYTES + len(packet)
         if length > MAX_FRAME_BYTES:
             most = MAX_FRAME_BYTES - OVERHEAD_BYTES
@@ -60,16 +60,16 @@ class Sealer:
 
     @property
     def is_new(self) -> bool:
-        """Whether no number of this key is known here."""
+        """Whether the state folder has no number of this key yet."""
         return self._numbers.is_new
 
     @property
     def next_number(self) -> int:
-        """The number of the next frame."""
+        """The number of the next frame; 0 for a new key."""
         return 0 if self.is_new else self._numbers.change(lambda current: current)
 
     def set_next(self, number: int) -> None:
-        """Continue at this number, higher or lower. Raises UsageError."""
+        """Set the number of the next frame, higher or lower. Raises UsageError."""
         if not 0 <= number <= MAX_NUMBER:
             raise UsageError(f"number {number}; must be 0 to {MAX_NUMBER}")
         self._numbers.change(lambda _current: number)

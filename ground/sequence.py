@@ -11,21 +11,21 @@ from ground.errors import UsageError
 WAIT = "wait"
 MAX_WAIT_S = 86_400.0
 MAX_BYTES = 16384
-DIRECT_BYTES = 900  # of entries in one telecommand; more go up as a file
+DIRECT_BYTES = 900  # most bytes of entries in one telecommand; more are uploaded as a file
 
 
 def compile_sequence(text: str, catalogue: Catalogue, next_sequence: Callable[[], int]) -> bytes:
     """Return the entries of a sequence: each a telecommand packet, and the delay after it [ms].
 
-    Empty lines and what follows a `#` are left out.
+    Empty lines and text after a `#` are ignored.
 
     Parameters
     ----------
-    next_sequence : sequence count of the next telecommand
+    next_sequence : returns the sequence count of the next telecommand
 
     Raises
     ------
-    UsageError naming the line.
+    UsageError that names the faulty line.
     """
     entries: list[tuple[bytes, float]] = []
     for number, line in enumerate(text.splitlines(), start=1):

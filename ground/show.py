@@ -1,4 +1,4 @@
-"""The subcommands that print: telecommands with their reports, telemetry, files."""
+"""The subcommands that print: telecommands with their reports, telemetry, command history."""
 
 import argparse
 import json
@@ -27,7 +27,7 @@ SYNCHRONISE_S = 10.0
 def opened(
     arguments: argparse.Namespace, sealer: Sealer | None, stream: PacketStream | None
 ) -> Link:
-    """Open a link; one with a key that is new here finds its number first."""
+    """Open a link; if its key is new here, first find the key's next number."""
     link = Link(arguments.host, arguments.port, sealer, stream)
     if sealer is not None and sealer.is_new and link.stream.is_authenticated:
         _synchronise(link)
@@ -38,7 +38,7 @@ def opened(
 def connected(
     arguments: argparse.Namespace, sealer: Sealer | None, stream: PacketStream | None
 ) -> Iterator[Link]:
-    """Give a link for a block."""
+    """Open a link for a `with` block; report rejected frames at the end and close the link."""
     link = opened(arguments, sealer, stream)
     try:
         yield link
@@ -50,7 +50,7 @@ def connected(
 
 
 def _synchronise(link: Link) -> None:
-    """Find the next number of a key that is new here, by a command that changes nothing."""
+    """Find the next number of a key that is new here by a PING, which changes nothing on board."""
     ping = Catalogue().build(PING, {}, link.next_sequence())
     for _ in follow(link, TelemetryDecoder(), ping, SYNCHRONISE_S):
         pass
@@ -78,7 +78,7 @@ def send(arguments: argparse.Namespace, sealer: Sealer | None, stream: PacketStr
     given = given_arguments(arguments.arguments)
     wanted = given.get("sid", "").lower() if arguments.name.upper() == ASKED_FOR_SET else ""
     checked = not arguments.force
-    trial = catalogue.build(arguments.name, given, 0, checked=checked)  # a wrong one opens no link
+    trial = catalogue.build(arguments.name, given, 0, checked=checked)  # fails before a link opens
     if arguments.on is not None:
         catalogue.on(trial, arguments.on, 0)
     with connected(arguments, sealer, stream) as link:
@@ -111,7 +111,7 @@ def show_number(arguments: argparse.Namespace, sealer: Sealer | None) -> int:
 
 
 def show_history(arguments: argparse.Namespace) -> int:
-    """Show the newest commands that were sent from this ground."""
+    """Show the newest commands in the history of this state folder."""
     for line in CommandHistory(arguments.state).read(arguments.count):
         if arguments.json:
             print(json.dumps(line))
@@ -123,7 +123,7 @@ def show_history(arguments: argparse.Namespace) -> int:
 
 
 def _numbers_words(sealer: Sealer, verification: Verification) -> str:
-    """Return what an operator has to do about a command that was refused as repeated."""
+    """Return advice to the operator after a command was refused as repeated."""
     if verification.is_authenticated:
         return (
             f"the next number is {sealer.next_number} now, as the daemon says; it was not sent "
@@ -138,7 +138,7 @@ def _numbers_words(sealer: Sealer, verification: Verification) -> str:
 
 
 def watch(arguments: argparse.Namespace, stream: PacketStream | None) -> int:
-    """Show telemetry until the end that was given. Unknown packets are shown raw and counted."""
+    """Show telemetry until `--count` or `--seconds`; show unknown packets raw and count them."""
     decoder = TelemetryDecoder()
     check_names(decoder.fields, arguments.packets, arguments.field)
     shown = unknown = 0
@@ -174,7 +174,7 @@ def watch(arguments: argparse.Namespace, stream: PacketStream | None) -> int:
 def follow_and_show(
     link: Link, decoder: TelemetryDecoder, packet: bytes, arguments: argparse.Namespace, wanted: str
 ) -> Verification:
-    """Follow one telecommand and show what comes of it."""
+    """Send one telecommand, show its reports and answers, and return its verification."""
     begun_s = time.monotonic()
     verification = Verification(request=(0, 0))
     for verification, sample in follow(link, decoder, packet, arguments.timeout, wanted):  # noqa: B007

@@ -1,4 +1,4 @@
-"""The subcommands about what is kept on board: playback of telemetry, sequences."""
+"""The subcommands for data stored on board: playback of telemetry, and sequences."""
 
 import argparse
 import secrets
@@ -28,13 +28,13 @@ from ground.show import connected, follow_and_show, opened
 from ground.telemetry import TelemetryDecoder
 from ground.verification import EXIT_CODES, VerificationOutcome
 
-PIECE_BYTES = 1 << 20  # of a file that goes up
+PIECE_BYTES = 1 << 20  # size of a piece of an uploaded file
 
 
 def play_back(
     arguments: argparse.Namespace, sealer: Sealer | None, stream: PacketStream | None
 ) -> int:
-    """Retrieve stored packets into a file; with `--missed` what a kept stream lacks."""
+    """Retrieve stored packets into a file (`--missed`: its gaps only); return the exit code."""
     stores = [name.upper() for name in arguments.stores] or list(STORES)
     wrong = [name for name in stores if name not in STORES]
     if wrong:
@@ -62,7 +62,7 @@ def play_back(
 def _what(
     arguments: argparse.Namespace,
 ) -> tuple[Path, list[bytes], Mapping[str, list[Range]]]:
-    """Return the file to add to, the packets in it, and the ranges to ask for by store."""
+    """Return the file to extend, its packets, and the ranges to request by packet store."""
     if arguments.missed is not None:
         known = read_stream(arguments.missed)
         return arguments.missed, known, missing_ranges(known)
@@ -78,7 +78,7 @@ def _what(
 def load_sequence(
     arguments: argparse.Namespace, sealer: Sealer | None, stream: PacketStream | None
 ) -> int:
-    """Load a sequence from its text; start it if requested."""
+    """Load a sequence from a text file, start it if requested, and return the exit code."""
     catalogue, decoder = Catalogue(), TelemetryDecoder()
     try:
         text = arguments.file.read_text()
@@ -88,7 +88,7 @@ def load_sequence(
     data = compile_sequence(text, catalogue, lambda: next(counts) % COUNT_14)
     number = {"sequence": str(arguments.number)}
     name, given = "LOAD_SEQUENCE", {**number, "entries": data.hex()}
-    catalogue.build(name, given, 0)  # a wrong place opens no link
+    catalogue.build(name, given, 0)  # a wrong number fails before a link is opened
     if len(data) > DIRECT_BYTES:
         path = _upload(arguments, data, lambda: opened(arguments, sealer, stream))
         name, given = "LOAD_SEQUENCE_FILE", {**number, "path": path}
@@ -104,7 +104,7 @@ def load_sequence(
 
 
 def _upload(arguments: argparse.Namespace, data: bytes, make_link: Callable[[], Link]) -> str:
-    """Send entries up as a file; return its path there."""
+    """Upload the entries as a file; return the file's path on board."""
     name = f"sequence_{arguments.number}_{zlib.crc32(data):08x}.bin"
     with TemporaryDirectory(prefix="ground-") as folder:
         path = Path(folder) / name

@@ -1,4 +1,4 @@
-"""Telemetry packets by the XTCE."""
+"""Splits a byte stream into telemetry packets and decodes them by the XTCE dictionary."""
 
 import math
 import warnings
@@ -20,10 +20,10 @@ FRACTIONS_PER_S = 1 << 24
 SHARED = "service_"  # prefix of the field that distinguishes packets of one service and subtype
 KIND = ("header_apid", "header_service", "header_subtype")
 HEADER, CRC = "header_", "crc16"  # names around a packet's own fields
-UNKNOWN = "unknown"  # name of a packet that the dictionary does not have
+UNKNOWN = "unknown"  # name of a packet that is not in the dictionary
 FILE_UNIT = "file_unit"  # name of a packet of file delivery
-NO_PACKETS = (UNKNOWN, FILE_UNIT)  # names of what the dictionary has no fields for
-RAW_BYTES = 64  # of an unknown packet that are shown
+NO_PACKETS = (UNKNOWN, FILE_UNIT)  # names without fields in the dictionary
+RAW_BYTES = 64  # most bytes of an unknown packet that are shown
 
 Value = int | float | str
 
@@ -35,12 +35,12 @@ class Sample:
     packet: str
     service: int
     subtype: int
-    time_s: float  # mission elapsed; NaN when the packet has no time
+    time_s: float  # mission elapsed time; NaN when the packet has none
     values: Mapping[str, Value]
 
 
 def split(buffer: bytearray) -> Iterator[bytes]:
-    """Remove whole packets from the front of a buffer. Raises LinkError if it holds no packet."""
+    """Remove whole packets from a buffer and yield them. Raises LinkError: not telemetry."""
     while len(buffer) >= HEADER_BYTES:
         length = (buffer[4] << 8 | buffer[5]) + HEADER_BYTES + 1
         if buffer[0] >> 4 != 0:  # version 0, telemetry
@@ -55,12 +55,12 @@ def split(buffer: bytearray) -> Iterator[bytes]:
 
 
 def apid(packet: bytes) -> int:
-    """Return the application a packet comes from."""
+    """Return the application process identifier (APID) of a packet."""
     return (packet[0] << 8 | packet[1]) & 0x7FF
 
 
 class TelemetryDecoder:
-    """Decodes packets; one XTCE for all."""
+    """Decodes telemetry packets by an XTCE file."""
 
     def __init__(self, path: Path = XTCE) -> None:
         self._definition = load_xtce(path)
@@ -82,19 +82,19 @@ class TelemetryDecoder:
     def decode(self, packet: bytes) -> Sample:
         """Return the content of a packet.
 
-        A packet that the dictionary does not have, or that does not fit it, is called `unknown`
-        and holds its identification and its first bytes; one of file delivery `file_unit`.
+        The sample of a packet that does not fit the dictionary is named `unknown` and holds its
+        identification and first bytes; a packet of file delivery is named `file_unit`.
         """
         if apid(packet) == FILE_APID:
             return _sample(FILE_UNIT, {"size_bytes": len(packet)})
         try:
             return self._parsed(packet)
-        except Exception as error:  # noqa: BLE001  the reader's own faults are of many kinds
+        except Exception as error:  # noqa: BLE001  the parser raises errors of many kinds
             return _unknown(packet, error)
 
     def _parsed(self, packet: bytes) -> Sample:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # a packet longer than the dictionary has it
+            warnings.simplefilter("ignore")  # about packets longer than in the dictionary
             parsed = self._definition.parse_bytes(packet)
         name = self._name(parsed)
         prefix = f"{name}_"
@@ -111,7 +111,7 @@ class TelemetryDecoder:
         )
 
     def _name(self, parsed: SpacePacket) -> str:
-        """Return the name of the container a packet was read by."""
+        """Return the name of the XTCE container that describes a packet."""
         told_by = tuple(v for k, v in parsed.items() if k.startswith(SHARED))
         kind = tuple(parsed.get(key) for key in KIND)
         if (*kind, *told_by) not in self._names:
@@ -145,7 +145,7 @@ def check_names(
 
     Raises
     ------
-    UsageError naming the wrong name and those like it.
+    UsageError with the wrong name and similar known names.
     """
     chosen = list(packets) or list(known)
     for name in chosen:
@@ -162,7 +162,7 @@ def _sample(name: str, values: Mapping[str, Value]) -> Sample:
 
 
 def _unknown(packet: bytes, error: Exception) -> Sample:
-    """Return an unknown packet as it came: what its header says, and its first bytes."""
+    """Return the sample of an unknown packet: header values, the parser's error, first bytes."""
     values: dict[str, Value] = {"apid": apid(packet), "size_bytes": len(packet)}
     has_header = packet[0] & 0x08 and len(packet) > HEADER_BYTES + 2
     if has_header:
@@ -172,14 +172,14 @@ def _unknown(packet: bytes, error: Exception) -> Sample:
 
 
 def _plain(value: Any) -> Value:  # noqa: ANN401
-    """Return a value of the reader's own types as a plain one."""
+    """Return a value of the parser's types as a plain str, float or int."""
     if isinstance(value, str):
         return str(value)
     return float(value) if isinstance(value, float) else int(value)
 
 
 def _time_s(parsed: SpacePacket) -> float:
-    """Return the mission elapsed time of a packet."""
+    """Return the mission elapsed time of a packet [s]; NaN if it has none."""
     if "header_time_coarse_s" in parsed:
         coarse, fine = parsed["header_time_coarse_s"], parsed["header_time_fine"]
     elif "time_coarse_s" in parsed:

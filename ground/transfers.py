@@ -1,8 +1,8 @@
-"""Transfers that outlive a lost link and a killed program: in pieces, with a record of each.
+"""Transfers that survive a lost link and a killed program: in pieces, with a record of each.
 
-A piece that arrived whole is kept, so an interrupted transfer continues with the next one. On
-board the pieces of an upload are appended to NAME.ID.part, here those of a download to
-.NAME.ID.part; both take their final name when size and CRC are right.
+A complete piece is kept, so an interrupted transfer continues with the next piece. The pieces of an
+upload are appended to NAME.ID.part on board, those of a download to .NAME.ID.part here. The file
+gets its final name when size and CRC are right.
 """
 
 import json
@@ -28,8 +28,8 @@ from ground.delivery import (
 from ground.errors import FAILED, REJECTED, GroundError, LinkError, UsageError
 
 RETRY_S = 0.5
-ATTEMPTS = 4  # to get a file that changes
-OUT_OF_RANGE = "OUT_OF_RANGE"  # a piece that the file no longer has
+ATTEMPTS = 4  # to get a file that changes meanwhile
+OUT_OF_RANGE = "OUT_OF_RANGE"  # error for a piece that the file no longer has
 Connect = Callable[[], AbstractContextManager[Delivery]]
 
 
@@ -43,9 +43,9 @@ class TransferRecord:
     local: str
     size: int
     crc32: int
-    modified_s: float  # of a file there
+    modified_s: float  # modification time of a remote file
     piece_bytes: int
-    moving: bool = False  # an upload is whole; only its final name may be missing
+    moving: bool = False  # whether an upload is complete except for its final name
 
     @property
     def partial(self) -> Path:
@@ -55,12 +55,12 @@ class TransferRecord:
 
     @property
     def uploaded(self) -> str:
-        """Remote name of the bytes uplinked so far."""
+        """Remote name of the file with the bytes uploaded so far."""
         return f"{self.remote}.{self.id}.part"
 
     @property
     def piece(self) -> str:
-        """The piece that goes up now."""
+        """Remote name of the piece that is being uploaded."""
         return f"{self.remote}.{self.id}.piece"
 
 
@@ -72,13 +72,13 @@ class SpoiledError(GroundError):
 
 
 class Records:
-    """Records of transfers that are not over, one file each."""
+    """Records of unfinished transfers, one file each."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
     def all(self) -> list[TransferRecord]:
-        """Return all that can be read."""
+        """Return all records that can be read."""
         found = []
         for path in sorted(self._folder.glob("*.json")):
             try:
@@ -88,23 +88,23 @@ class Records:
         return found
 
     def find(self, name: str) -> TransferRecord:
-        """Return one. Raises UsageError."""
+        """Return the record with this id. Raises UsageError."""
         for record in self.all():
             if record.id == name:
                 return record
         raise UsageError(f"{name}: no such transfer; see `ground file transfers`")
 
     def keep(self, record: TransferRecord) -> None:
-        """Write one; it is on the disk when this returns."""
+        """Write a record; it is on the disk when this returns."""
         self._folder.mkdir(parents=True, exist_ok=True)
         replace_file(self._path(record), json.dumps(asdict(record)))
 
     def holds(self, record: TransferRecord) -> bool:
-        """Whether it was neither finished nor cancelled."""
+        """Return whether the record exists: its transfer was neither finished nor cancelled."""
         return self._path(record).exists()
 
     def remove(self, record: TransferRecord) -> None:
-        """Forget one."""
+        """Remove a record."""
         self._path(record).unlink(missing_ok=True)
 
     def _path(self, record: TransferRecord) -> Path:
@@ -112,7 +112,7 @@ class Records:
 
 
 class ResumableTransfer:
-    """One transfer on its way; `run` again continues it."""
+    """One transfer; after an interruption, a second `run` continues it."""
 
     def __init__(self, record: TransferRecord, records: Records, progress: Progress) -> None:
         self.record, self._records, self._progress = record, records, progress
@@ -121,7 +121,7 @@ class ResumableTransfer:
     def get(
         cls, remote: str, local: Path, records: Records, progress: Progress, piece_bytes: int
     ) -> Self:
-        """Return the transfer of a file there to a place here. Raises UsageError."""
+        """Return a new transfer of a remote file to a local path. Raises UsageError."""
         if not local.parent.is_dir() or local.is_dir():
             raise UsageError(f"{local}: no place for a file")
         return cls._begin("get", remote, local, Facts(0, 0), records, progress, piece_bytes)
@@ -130,7 +130,7 @@ class ResumableTransfer:
     def put(
         cls, remote: str, local: Path, records: Records, progress: Progress, piece_bytes: int
     ) -> Self:
-        """Return the transfer of a file here to the daemon. Raises UsageError."""
+        """Return a new transfer of a local file to the daemon. Raises UsageError."""
         if not local.is_file():
             raise UsageError(f"{local}: no such file")
         name = remote if remote.startswith(f"{DELIVERED}/") else f"{DELIVERED}/{remote}"
@@ -159,11 +159,11 @@ class ResumableTransfer:
         return cls(record, records, progress)
 
     def run(self, delivery: Delivery) -> int:
-        """Carry it to its end; return the size [B].
+        """Run the transfer to its end; return the size of the file [B].
 
         Raises
         ------
-        LinkError when it can be continued; GroundError when it has failed.
+        LinkError when the transfer can be continued; another GroundError when it has failed.
         """
         if self.record.direction == "put":
             self._put(delivery)
@@ -174,14 +174,14 @@ class ResumableTransfer:
 
     @property
     def is_worth_keeping(self) -> bool:
-        """Whether a later run would find something that this one has done."""
+        """Whether a later run can use the bytes transferred so far."""
         if self.record.direction == "put":
             return self.record.size > self.record.piece_bytes
         partial = self.record.partial
         return partial.exists() and partial.stat().st_size > 0
 
     def discard(self, delivery: Delivery | None) -> None:
-        """Remove what is left of it, here and there."""
+        """Remove the record and the partial files; without `delivery`, those on board stay."""
         self._records.remove(self.record)
         if self.record.direction == "get":
             self.record.partial.unlink(missing_ok=True)
@@ -190,7 +190,7 @@ class ResumableTransfer:
                 _delete(delivery, name)
 
     def _get_as_it_is(self, delivery: Delivery) -> None:
-        """Get a file that may be written meanwhile, as the status file is every second."""
+        """Get a file; repeat this for a small file that changes meanwhile, like the status file."""
         for left in reversed(range(ATTEMPTS)):
             try:
                 self._get(delivery)
@@ -257,7 +257,7 @@ class ResumableTransfer:
         delivery.ask("MOVE_FILE", path=record.uploaded, target=record.remote)
 
     def _check(self, facts: Facts | None) -> None:
-        """Compare what is there with what was sent. Raises GroundError."""
+        """Compare the facts of the remote file with the record. Raises SpoiledError."""
         record = self.record
         good = facts is not None and facts.size == record.size
         if not good or (facts is not None and facts.crc32 not in (0, record.crc32)):
@@ -271,12 +271,12 @@ def carry_on(
     wait_s: float,
     progress: Progress,
 ) -> int:
-    """Do some work over a link, again whenever the link is lost. Raises GroundError.
+    """Do some work over a link, and repeat it when the link is lost. Raises GroundError.
 
     Parameters
     ----------
-    until_s : time of the monotonic clock at which a lost link is not waited for any longer
-    wait_s : nor for longer than this without a packet of the daemon
+    until_s : time of the monotonic clock [s] after which a lost link is not opened again
+    wait_s : longest time [s] without a packet of the daemon
     """
     lost_s: float | None = None
     while True:
@@ -297,12 +297,12 @@ def carry_on(
 
 
 def _delivered(remote: str) -> str:
-    """Return a name as file delivery has it, relative to its folder."""
+    """Return a remote name relative to the folder of file delivery."""
     return remote.removeprefix(f"{DELIVERED}/")
 
 
 def _delete(delivery: Delivery, name: str) -> None:
-    """Remove a file there, if it is there."""
+    """Delete a remote file; ignore a missing one."""
     try:
         delivery.ask("DELETE_FILE", path=name)
     except RefusedError as error:

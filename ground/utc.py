@@ -1,4 +1,4 @@
-"""UTC of the daemon's packets, by the correlation it sends after every time packet."""
+"""UTC of the daemon's packets, from the correlation that the daemon sends after a time packet."""
 
 import math
 from datetime import UTC, datetime, timedelta
@@ -18,7 +18,7 @@ class Correlation:
         self.synchronised = False
 
     def take(self, sample: Sample) -> None:
-        """Use a sample if it is a correlation."""
+        """Keep the correlation in a sample; ignore other packets."""
         if sample.packet != PACKET:
             return
         self.offset_s = int(sample.values["utc_unix_ns"]) * 1e-9 - sample.time_s

@@ -1,4 +1,4 @@
-"""Following one telecommand through its verification reports (service 1)."""
+"""Follows one telecommand through its verification reports (service 1)."""
 
 import time
 from collections.abc import Iterator
@@ -14,9 +14,9 @@ SUCCESS = "_success"
 FAILURE = "_failure"
 END = "completion"
 REPLAY = "REPLAY"
-REFUSED_CLIENT = "LINK_REFUSED"  # the event that comes last when the daemon closes a connection
+REFUSED_CLIENT = "LINK_REFUSED"  # the last event before the daemon closes a connection
 REFUSED = ("acceptance", "routing")
-UNASKED = ("time", "time_correlation", "science", *NO_PACKETS)  # packets that come anyhow
+UNASKED = ("time", "time_correlation", "science", *NO_PACKETS)  # packets sent without a request
 HOUSEKEEPING = (3, 25)
 
 
@@ -43,17 +43,17 @@ EXIT_CODES = {
 
 @dataclass(slots=True)
 class Verification:
-    """Reports about one telecommand, and what it made the daemon send."""
+    """The reports on one telecommand, and the packets that answer it."""
 
     request: tuple[int, int]  # first two words of the telecommand
-    is_authenticated: bool = False  # only the daemon can have made these reports
-    wanted: str = ""  # a requested housekeeping packet
+    is_authenticated: bool = False  # whether only the daemon can have made these reports
+    wanted: str = ""  # name of the requested housekeeping packet
     reports: list[Sample] = field(default_factory=list)
     answers: list[Sample] = field(default_factory=list)
     outcome: VerificationOutcome = VerificationOutcome.NO_ANSWER
 
     def take(self, sample: Sample) -> bool:
-        """Read a packet; return True if it reports on this telecommand."""
+        """Record a packet; return whether it is a report on this telecommand or answers it."""
         if sample.service != 1:
             if self.reports and (sample.packet == self.wanted or _is_answer(sample)):
                 self.answers.append(sample)
@@ -80,7 +80,7 @@ class Verification:
 
     @property
     def over(self) -> bool:
-        """Whether nothing more will come; a REPLAY that anybody can have made ends nothing."""
+        """Whether the telecommand has ended; an unauthenticated REPLAY report does not end it."""
         ends = (
             VerificationOutcome.COMPLETED,
             VerificationOutcome.REJECTED,
@@ -92,7 +92,7 @@ class Verification:
 
     @property
     def expected_number(self) -> int | None:
-        """The next number of the key that the daemon accepts, when it has refused this one."""
+        """The key's number that the daemon expects, if a REPLAY report names it; else None."""
         named = [float(s.values["error_value"]) for s in self.reports if _is_replay(s)]
         return int(named[-1]) if named and 0.0 <= named[-1] <= MAX_NUMBER else None
 
@@ -108,11 +108,11 @@ def _is_answer(sample: Sample) -> bool:
 def follow(
     link: Link, decoder: TelemetryDecoder, packet: bytes, timeout_s: float, wanted: str = ""
 ) -> Iterator[tuple[Verification, Sample | None]]:
-    """Send a telecommand; yield what comes of it, and once more at the end with None.
+    """Send a telecommand; yield each report and answer, and once more at the end with None.
 
-    A command is sent once. When an authenticated report says that its number was refused, the
-    numbers continue where the daemon expects them; a report that anybody can have made changes
-    nothing.
+    The telecommand is sent once. If an authenticated report says that its number was refused, the
+    next number is set to the one that the daemon expects. An unauthenticated report does not change
+    the number.
     """
     words = int.from_bytes(packet[:2], "big"), int.from_bytes(packet[2:4], "big")
     is_authenticated = link.stream.is_authenticated

@@ -1,4 +1,4 @@
-"""The daemon's dictionary as it is given to everyone: XTCE, COSMOS, ccsdspy tables."""
+"""The dictionary of telemetry and telecommands, as XTCE, COSMOS and ccsdspy tables."""
 
 from pathlib import Path
 

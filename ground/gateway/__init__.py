@@ -1,1 +1,1 @@
-"""The live page: telemetry decoded by the XTCE, shown by Open MCT. It commands nothing."""
+"""The live page: telemetry decoded by the XTCE, shown by Open MCT; commanding is optional."""

@@ -1,4 +1,4 @@
-"""Commanding from the page: a telecommand is sent once, after a confirmation, and followed."""
+"""Commanding from the page: each telecommand is sent once and followed through its reports."""
 
 from collections.abc import Callable
 from contextlib import closing
@@ -18,7 +18,7 @@ class Desk:
 
     Parameters
     ----------
-    open_link : opens a link of its own for each command
+    open_link : opens a new link for each command
     """
 
     def __init__(self, open_link: Callable[[], Link], history: CommandHistory) -> None:
@@ -42,7 +42,7 @@ class Desk:
 
     def send(self, name: str, given: dict[str, str]) -> dict[str, Any]:
         """Send one telecommand; return outcome, reports and answers. Raises GroundError."""
-        self._catalogue.build(name, given, 0)  # a wrong one opens no link
+        self._catalogue.build(name, given, 0)  # a wrong command fails before a link is opened
         with closing(self._open_link()) as link:
             packet = self._catalogue.build(name, given, link.next_sequence())
             for verification, _ in follow(link, TelemetryDecoder(), packet, TIMEOUT_S):  # noqa: B007

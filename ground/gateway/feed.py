@@ -1,4 +1,4 @@
-"""The daemon's telemetry, kept connected, decoded, kept and handed on."""
+"""The daemon's telemetry: received over a connection that is kept up, decoded and distributed."""
 
 import asyncio
 import math
@@ -21,29 +21,29 @@ from ground.utc import Correlation
 RETRY_S = 1.0
 READ_BYTES = 65536
 MAX_EVENTS = 2000
-MAX_KINDS = 100  # of unknown packets that are counted each by itself
+MAX_KINDS = 100  # kinds of unknown packets that are counted separately
 FEWEST_STALE_S = 2.0
 STALE_INTERVALS = 3.0
-EVENT_LATE_S = 5.0  # an event has the time it happened at, and may come so much later
-JUMP_MS = 1000.0  # a clock that has jumped so far is another clock
+EVENT_LATE_S = 5.0  # an event carries the time at which it happened; it may arrive this late
+JUMP_MS = 1000.0  # a larger jump of the clock's offset is accepted as a new offset
 Listener = Callable[[str, float, dict[str, float]], None]
 
 
 @dataclass(slots=True)
 class Arrivals:
-    """When a packet came, and how often it comes."""
+    """Times at which packets of one kind arrived."""
 
     last_s: float = -math.inf
     gaps_s: deque[float] = field(default_factory=lambda: deque(maxlen=5))
 
     def note(self, now_s: float) -> None:
-        """Note one."""
+        """Note the arrival of a packet."""
         if math.isfinite(self.last_s):
             self.gaps_s.append(now_s - self.last_s)
         self.last_s = now_s
 
     def is_stale(self, now_s: float) -> bool:
-        """Whether the next one is overdue; only what has come again and again can be."""
+        """Return whether the next packet is overdue; False until three have arrived."""
         if len(self.gaps_s) < 2:
             return False
         usual_s = sorted(self.gaps_s)[len(self.gaps_s) // 2]
@@ -55,8 +55,8 @@ class Feed:
 
     Parameters
     ----------
-    listener : receives the packet, its time [ms since 1970] and its numbers by field
-    make_stream : makes the cutter of a new connection's bytes
+    listener : receives a packet's name, its time [ms since 1970] and its numbers by field
+    make_stream : makes the stream that splits the bytes of a new connection into packets
     """
 
     def __init__(
@@ -74,7 +74,7 @@ class Feed:
         self._arrivals: dict[str, Arrivals] = {}
         self.events: deque[dict[str, Any]] = deque(maxlen=MAX_EVENTS)
         self.latest: dict[str, tuple[float, dict[str, float]]] = {}
-        self.offset_ms: float | None = None  # from the daemon's clock to the time of day
+        self.offset_ms: float | None = None  # time of day less the daemon's clock
         self.correlation = Correlation()
         self.connected = False
         self.reason = "not connected yet"
@@ -84,7 +84,7 @@ class Feed:
         self.unknown: Counter[str] = Counter()  # packets that are not in the dictionary, by kind
 
     async def run(self) -> None:
-        """Read until cancelled."""
+        """Connect and read until cancelled."""
         while True:
             try:
                 reader, writer = await asyncio.open_connection(self._host, self._port)
@@ -114,13 +114,13 @@ class Feed:
     def between(
         self, packet: str, name: str, start_ms: float, end_ms: float
     ) -> NDArray[np.float64]:
-        """Return times and values (n, 2) of a field within an interval."""
+        """Return times [ms] and values (n, 2) of a field within an interval."""
         ring = self._rings.get(packet)
         return np.empty((0, 2)) if ring is None else ring.between(name, start_ms, end_ms)
 
     async def _read(self, reader: asyncio.StreamReader) -> None:
         stream = self._make_stream()
-        self._newest_s.clear()  # a machine that has started again counts from 0
+        self._newest_s.clear()  # the clock of a restarted machine begins at 0
         try:
             while data := await reader.read(READ_BYTES):
                 stream.add(data)
@@ -158,9 +158,9 @@ class Feed:
         self._listener(sample.packet, t_ms, numbers)
 
     def _is_played_back(self, sample: Sample) -> bool:
-        """Whether a newer packet of this kind came before: then this one is from a packet store.
+        """Return whether a newer packet of this name came before: this one is from a packet store.
 
-        Old values must neither take the place of new ones nor move the clock.
+        Old values must neither replace new ones nor change the clock's offset.
         """
         newest_s = self._newest_s.get(sample.packet, -math.inf)
         if sample.time_s > newest_s:
@@ -169,7 +169,7 @@ class Feed:
         return sample.time_s < newest_s - late_s
 
     def _count_unknown(self, sample: Sample, t_ms: float) -> None:
-        """Count a packet that is not in the dictionary; show the first of each kind as it came."""
+        """Count a packet that is not in the dictionary; report the first of each kind as event."""
         names = ("apid", "service", "subtype")
         kind = " ".join(f"{name} {sample.values[name]}" for name in names if name in sample.values)
         if kind not in self.unknown and len(self.unknown) < MAX_KINDS:
@@ -185,11 +185,11 @@ class Feed:
         self._listener(EVENTS, t_ms, {})
 
     def _time_of_day_ms(self, time_s: float, *, moves_clock: bool) -> float:
-        """Return a mission elapsed time as time of day [ms].
+        """Return a mission elapsed time [s] as time of day [ms since 1970].
 
-        The daemon's own correlation gives it while its clock is synchronised to UTC; otherwise this
-        machine's clock and the packets that came fastest. An event has the time it happened at and
-        says nothing about the clock.
+        While the daemon's clock is synchronised to UTC, the daemon's correlation is used. Otherwise
+        the offset is the smallest difference between this machine's clock and a packet's time. An
+        event does not change the offset, because it carries the time at which it happened.
         """
         now_ms = time.time_ns() / 1e6
         if math.isnan(time_s):

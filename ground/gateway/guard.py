@@ -1,7 +1,7 @@
-"""Who may read the live page: its own origin under a loopback name, or the holder of a token.
+"""Access to the live page: only for the page's own origin on a loopback name, or with a token.
 
-A browser sends requests for any page it shows, also to this server: a foreign page must neither
-read the stream (Origin, Sec-Fetch-Site) nor reach the server under a name of its own (Host).
+A browser sends requests of any page that it shows, also to this server. A foreign page must neither
+read the stream (Origin and Sec-Fetch-Site are checked) nor use another host name (Host is checked).
 """
 
 import hmac
@@ -43,7 +43,7 @@ HEADERS = {
 
 
 def is_loopback(host: str) -> bool:
-    """Whether an address to listen on is reached from this machine only."""
+    """Return whether a listening address can be reached from this machine only."""
     try:
         return ip_address(host).is_loopback
     except ValueError:
@@ -51,7 +51,7 @@ def is_loopback(host: str) -> bool:
 
 
 def read_token(path: Path) -> str:
-    """Return the token in a file. Raises UsageError: unreadable, open to others, too short."""
+    """Return the token in a file. Raises UsageError if it is unreadable, not private or invalid."""
     try:
         mode, text = path.stat().st_mode, path.read_text().strip()
     except (OSError, ValueError) as error:
@@ -64,16 +64,16 @@ def read_token(path: Path) -> str:
 
 
 class Guard:
-    """Refuses requests of foreign pages, and without a token where one is needed.
+    """Refuses requests of foreign pages, and requests without the token if there is one.
 
     Parameters
     ----------
-    host : address the server listens on
-    token : None: no token is needed, which is allowed on a loopback address only
+    host : address on which the server listens
+    token : None: no token is required, which is allowed on a loopback address only
 
     Raises
     ------
-    UsageError when the address is open and there is no token.
+    UsageError when the address is not a loopback address and there is no token.
     """
 
     def __init__(self, host: str, token: str | None = None) -> None:
@@ -83,11 +83,11 @@ class Guard:
         self._token = token
 
     async def add_headers(self, _request: web.Request, response: web.StreamResponse) -> None:
-        """Add the headers that bind a browser; called for every response."""
+        """Add the security headers to a response; called for every response."""
         response.headers.update(HEADERS)
 
     def middleware(self) -> Middleware:
-        """Return the check that precedes every handler."""
+        """Return the check that runs before every handler."""
 
         @web.middleware
         async def check(request: web.Request, handler: Handler) -> web.StreamResponse:
@@ -99,9 +99,9 @@ class Guard:
         return check
 
     def _refuse_foreign(self, request: web.Request) -> None:
-        """Refuse what another site's page has sent. Raises HTTPForbidden."""
+        """Raise HTTPForbidden for a request from a page of another site."""
         host = request.headers.get("Host", "")
-        # with a token any name will do: a browser sends the cookie only to the name that set it
+        # with a token any name is allowed: a browser sends the cookie only to the name that set it
         if self._token is None and _name(host) not in self._names:
             raise web.HTTPForbidden(text="Host: not a name of this server")
         origin = request.headers.get("Origin")
@@ -118,7 +118,7 @@ class Guard:
         return self._is_token(given)
 
     def _log_in(self, request: web.Request) -> web.StreamResponse:
-        """Exchange `/?token=...` for a cookie. Raises HTTPUnauthorized."""
+        """Set the cookie for `/?token=...` by raising HTTPSeeOther; else raise HTTPUnauthorized."""
         given = request.query.get("token", "")
         if request.path != "/" or not self._is_token(given):
             raise web.HTTPUnauthorized(text="a token is needed: open /?token=...")

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 FIRST_ROWS, MAX_ROWS = 256, 20_000
 SAME_CLOCK_MS = 10_000.0
-REREAD_S = 30.0  # what is newer is in memory
+REREAD_S = 30.0  # between two readings of a changed recording; newer values are in memory
 ESTIMATES = "/estimate"
 TOPICS = (ESTIMATES, "/events")
 AXES = ("x", "y", "z")
@@ -27,7 +27,7 @@ Row = tuple[float, float]  # time [ms since 1970], value
 
 
 class Ring:
-    """The newest numbers of one packet; grows to a limit, then forgets the oldest."""
+    """The newest numbers of one packet; at `MAX_ROWS` rows, the older half is discarded."""
 
     def __init__(self, fields: Sequence[str]) -> None:
         self._places = {field: k for k, field in enumerate(fields, start=1)}
@@ -35,7 +35,7 @@ class Ring:
         self._count = 0
 
     def add(self, t_ms: float, numbers: Mapping[str, float]) -> None:
-        """Keep one packet."""
+        """Store the numbers of one packet by field; missing ones are NaN."""
         if self._count == len(self._rows):
             if self._count < MAX_ROWS:
                 self._rows = np.concatenate((self._rows, np.empty_like(self._rows)))
@@ -53,14 +53,14 @@ class Ring:
         self._count += 1
 
     def between(self, field: str, start_ms: float, end_ms: float) -> NDArray[np.float64]:
-        """Return times and values (n, 2) within an interval."""
+        """Return times [ms] and values (n, 2) of a field within an interval."""
         rows = self._rows[: self._count]
         first, last = np.searchsorted(rows[:, 0], (start_ms, end_ms))
         return rows[first:last][:, [0, self._places[field]]]
 
 
 def thinned(rows: NDArray[np.float64], size: int) -> list[Row]:
-    """Return at most about `size` rows: of every stretch its lowest and its highest value."""
+    """Return at most about `size` rows: the lowest and the highest value of equal parts."""
     rows = rows[np.isfinite(rows[:, 1])]
     if size <= 0 or len(rows) <= size:
         return [(float(t), float(v)) for t, v in rows]
@@ -76,22 +76,22 @@ class Recordings:
 
     Parameters
     ----------
-    path : a recording, or a folder of them; None: there is none
+    path : a recording, or a folder of recordings; None: there are none
     """
 
     def __init__(self, path: Path | None) -> None:
         self._path = path
         self._read: dict[Path, tuple[tuple[int, int], float, RecordedStream]] = {}
-        self._lock = threading.Lock()  # a page asks for everything at once
+        self._lock = threading.Lock()  # a page sends many requests at once
 
     def between(
         self, field: str, start_ms: float, end_ms: float, offset_ms: float | None
     ) -> NDArray[np.float64]:
-        """Return times and values (n, 2) of a field of the estimate within an interval.
+        """Return times [ms] and values (n, 2) of a field of the estimate within an interval.
 
         Parameters
         ----------
-        offset_ms : from the daemon's clock to the time of day, where it is known
+        offset_ms : time of day less the daemon's clock; None: not known
         """
         found = [np.empty((0, 2))]
         for recorded in self._recorded():
@@ -106,7 +106,7 @@ class Recordings:
     def events(
         self, start_ms: float, end_ms: float, offset_ms: float | None
     ) -> list[dict[str, Any]]:
-        """Return events within an interval."""
+        """Return the events within an interval, with their time of day `utc` [ms]."""
         found = []
         for recorded in self._recorded():
             shift = recorded.offset_ms(offset_ms)
@@ -118,7 +118,7 @@ class Recordings:
         return found
 
     def _recorded(self) -> Iterator[RecordedStream]:
-        """Yield the recordings in order of time."""
+        """Yield the recordings that hold estimates, in order of their names."""
         if self._path is None:
             return
         files = sorted(self._path.glob("*.mcap")) if self._path.is_dir() else [self._path]
@@ -129,7 +129,7 @@ class Recordings:
                 yield recorded
 
     def _newest(self, path: Path) -> RecordedStream:
-        """Return a recording as it is, or was some seconds ago."""
+        """Return a recording; read a changed one again after `REREAD_S`."""
         facts, now_s = path.stat(), time.monotonic()
         mark = facts.st_mtime_ns, facts.st_size
         known = self._read.get(path)
@@ -145,14 +145,14 @@ class RecordedStream:
     times_ms: NDArray[np.float64]
     columns: Mapping[str, NDArray[np.float64]]
     events: Sequence[tuple[float, Mapping[str, str]]]
-    changed_ms: float  # when the file was last changed, time of day
+    changed_ms: float  # time of day of the file's last change
     last_ms: float
 
     def offset_ms(self, known_ms: float | None) -> float:
-        """Return what turns the daemon's clock into the time of day.
+        """Return the time of day less the daemon's clock [ms].
 
-        A recording does not say when it was made: its last message and the last change of its file
-        belong together, and where that is close to what is known now, it is the same clock.
+        A recording does not contain the time of day. Its last message is assumed to be as old as
+        the last change of its file. If this offset is close to `known_ms`, that one is returned.
         """
         own_ms = self.changed_ms - self.last_ms
         if known_ms is not None and abs(known_ms - own_ms) < SAME_CLOCK_MS:
@@ -161,7 +161,7 @@ class RecordedStream:
 
 
 def read_recording(path: Path) -> RecordedStream:
-    """Read a recording, whole or still being written, up to where it ends."""
+    """Read a recording, complete or still being written, up to its last readable message."""
     times: list[float] = []
     rows: list[dict[str, float]] = []
     events: list[tuple[float, dict[str, str]]] = []
@@ -179,7 +179,7 @@ def read_recording(path: Path) -> RecordedStream:
                     event = {name: str(values[name]) for name in ("severity", "code", "text")}
                     events.append((message.log_time / 1e6, event))
         except (McapError, ValueError, KeyError, struct.error):
-            pass  # as far as it goes
+            pass  # the readable messages are kept
     names = {name for row in rows for name in row}
     columns = {name: np.array([row.get(name, np.nan) for row in rows]) for name in names}
     changed_ms = path.stat().st_mtime_ns / 1e6

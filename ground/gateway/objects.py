@@ -1,4 +1,4 @@
-"""The page's tree: an overview made ready, and every point of the dictionary below its packet."""
+"""The page's tree: a prepared overview, and every point of the dictionary below its packet."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -7,7 +7,7 @@ from ground.gateway.points import EVENTS, Points, TelemetryPoint
 
 SPACE = "inertia"
 ROOT, OVERVIEW, EVENT_TABLE = "root", "overview", "event-table"
-JOINTS = 7  # shown in the overview; all there can be are in the tree
+JOINTS = 7  # number of joints in the overview; the tree has all of them
 BODIES = ("target", "base")
 TIME = {"key": "utc", "source": "utc", "name": "Time", "format": "utc", "hints": {"domain": 1}}
 
@@ -68,13 +68,13 @@ COLUMNS: tuple[tuple[int, tuple[tuple[str, int], ...]], ...] = (
     (46, (("target-mass", 40), ("innovation", 30), ("residual-torque", 30))),
     (54, (("now", 48), ("timing", 24), (EVENT_TABLE, 28))),
 )
-SIDES = ("low", "high")  # of a band of one sigma
-UNIT_NAMES = {"N.m": "nm", "B": "bytes"}  # in names, where not the unit itself
-COLOURS = ("#4d9de0", "#8c98a4", "#8c98a4")  # of a value and its band
+SIDES = ("low", "high")  # suffixes of the bounds of a 1 sigma band
+UNIT_NAMES = {"N.m": "nm", "B": "bytes"}  # suffixes of field names that differ from the unit
+COLOURS = ("#4d9de0", "#8c98a4", "#8c98a4")  # of a value and of the two bounds of its band
 
 
 def page_objects(points: Points) -> dict[str, Any]:
-    """Return every object of the page by its key."""
+    """Return all objects of the page by key (`objects`), and the path of the first (`start`)."""
     found = {item["identifier"]["key"]: item for item in _all(points)}
     return {"objects": found, "start": f"{SPACE}:{ROOT}/{SPACE}:{OVERVIEW}"}
 
@@ -128,7 +128,7 @@ def _point(point: TelemetryPoint) -> dict[str, Any]:
 
 
 def _words(point: TelemetryPoint) -> str:
-    """Return a field's name as words; its unit stands beside it."""
+    """Return a field's name as words without its unit, which the page shows beside the name."""
     suffix = UNIT_NAMES.get(point.unit, point.unit.replace(".", "_").replace("/", "_"))
     side = next((side for side in SIDES if point.field.endswith(f"_{side}")), "")
     name = (

@@ -1,4 +1,4 @@
-"""Values that the page can plot: every number of the dictionary, one-sigma bands of estimates."""
+"""Values that the page can plot: all numbers of the dictionary, and 1 sigma bands of estimates."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ EVENT_SERVICE = 5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TelemetryPoint:
-    """One number over time."""
+    """One telemetry value that the page can plot over time."""
 
     key: str  # packet.field
     packet: str
@@ -32,7 +32,7 @@ class TelemetryPoint:
 
 
 class Points:
-    """Every point of the dictionary."""
+    """All points of the dictionary."""
 
     def __init__(self, path: Path = XTCE) -> None:
         definition = load_xtce(path)
@@ -45,13 +45,13 @@ class Points:
         self.by_key = {p.key: p for points in self.packets.values() for p in points}
 
     def numbers(self, sample: Sample) -> dict[str, float]:
-        """Return the numbers of a packet by field; labels as their number, bands added."""
+        """Return the numbers of a packet by field, with labels as numbers and 1 sigma bounds."""
         numbers = {
             name: float(value) if not isinstance(value, str) else self._numbers[name_of][value]
             for name, value, name_of in self._numeric(sample)
         }
         for body in BODIES:
-            if numbers.get(f"{body}{PRESENT}") == 0.0:  # not identified is not 0 kg
+            if numbers.get(f"{body}{PRESENT}") == 0.0:  # a body not identified must not show 0 kg
                 numbers = {k: v for k, v in numbers.items() if not _is_value_of(k, body)}
         for field, (value, sigma) in _pairs(numbers):
             numbers[f"{field}_low"] = value - sigma
@@ -115,13 +115,13 @@ def _is_value_of(field: str, body: str) -> bool:
 
 
 def _sigma_of(field: str) -> str:
-    """Return the name of a field's sigma: BODY_sigma_REST."""
+    """Return the name of the sigma of field BODY_REST: BODY_sigma_REST."""
     body, _, rest = field.partition("_")
     return f"{body}_{SIGMA}_{rest}"
 
 
 def event_of(sample: Sample) -> dict[str, str] | None:
-    """Return an event as the page shows it; None of other packets."""
+    """Return an event's severity, code and text; None for any other packet."""
     if sample.service != EVENT_SERVICE or "event" not in sample.values:
         return None
     return {
@@ -132,7 +132,7 @@ def event_of(sample: Sample) -> dict[str, str] | None:
 
 
 def health_bits(points: Points) -> dict[int, str]:
-    """Return the names of the health word's bits, which its description lists."""
+    """Return the names of the health word's bits by number, read from its description."""
     words = points.by_key["health.health"].doc.partition("bits: ")[2]
     pairs = (item.partition(" ") for item in words.split(", ") if item)
     return {int(bit): name for bit, _, name in pairs}

@@ -23,13 +23,13 @@ from ground.gateway.objects import page_objects
 from ground.gateway.points import EVENTS, Points, health_bits
 
 STATIC = Path(__file__).parent / "static"
-PERIOD_S = 0.1  # at most ten messages a second to a client
-KEPT = 50  # values of one point that wait for a client; then the oldest are dropped
+PERIOD_S = 0.1  # shortest time between two messages to a client
+KEPT = 50  # most values of a point that wait for a client; more drop the oldest
 MAX_SIZE = 5000
 
 
 class PageClient:
-    """One open page: its subscriptions and its queue."""
+    """One open page: its subscriptions, and the values and events that wait for it."""
 
     def __init__(self) -> None:
         self.wanted: set[str] = set()
@@ -38,7 +38,7 @@ class PageClient:
         self.dropped = 0
 
     def offer(self, packet: str, t_ms: float, numbers: dict[str, float]) -> None:
-        """Keep the wanted numbers of a packet until the next message."""
+        """Keep the subscribed numbers of a packet until the next message."""
         for field, value in numbers.items():
             key = f"{packet}.{field}"
             if key not in self.wanted:
@@ -48,7 +48,7 @@ class PageClient:
             waiting.append([t_ms, value])
 
     def take(self) -> dict[str, Any]:
-        """Return what waits."""
+        """Return the waiting values and events, and clear them."""
         points = {key: list(values) for key, values in self.waiting.items()}
         events = list(self.events)
         self.waiting.clear()
@@ -67,15 +67,15 @@ class Gateway:
         make_stream: Callable[[], PacketStream],
         desk: Desk | None = None,
     ) -> None:
-        self._desk = desk  # None: the page may look only
-        self._one_command = asyncio.Lock()  # at a time
+        self._desk = desk  # None: the page may not command
+        self._one_command = asyncio.Lock()  # commands are sent one at a time
         self._points, self._recordings = Points(), recordings
         self.feed = Feed(host, port, self._points, self.take, make_stream)
         self._clients: set[PageClient] = set()
         self._objects = page_objects(self._points)
 
     def take(self, packet: str, t_ms: float, numbers: dict[str, float]) -> None:
-        """Hand a packet to every page."""
+        """Offer a packet to every open page."""
         for client in self._clients:
             if packet == EVENTS:
                 client.events.append(self.feed.events[-1])
@@ -83,15 +83,15 @@ class Gateway:
                 client.offer(packet, t_ms, numbers)
 
     async def index(self, _request: web.Request) -> web.FileResponse:
-        """Return the overview."""
+        """Return the overview page."""
         return web.FileResponse(STATIC / "summary.html")
 
     async def explore(self, _request: web.Request) -> web.FileResponse:
-        """Return Open MCT, with every value of the dictionary."""
+        """Return the page of Open MCT, which shows every value of the dictionary."""
         return web.FileResponse(STATIC / "index.html")
 
     async def words(self, _request: web.Request) -> web.Response:
-        """Return names of bits and labels, and the telecommands where the page may command."""
+        """Return the names of bits and labels, and the telecommands if the page may command."""
         labels = {p.key: p.labels for p in self._points.by_key.values() if p.labels is not None}
         commands = [] if self._desk is None else self._desk.commands()
         words = {"bits": health_bits(self._points), "labels": labels}
@@ -100,7 +100,7 @@ class Gateway:
         )
 
     async def command(self, request: web.Request) -> web.Response:
-        """Send a telecommand that was confirmed on the page; return what became of it."""
+        """Send a telecommand that was confirmed on the page; return its outcome or the error."""
         if self._desk is None:
             raise web.HTTPForbidden(text="this page may look only")
         if request.content_type != "application/json":
@@ -123,11 +123,11 @@ class Gateway:
         return web.json_response(answer)
 
     async def objects(self, _request: web.Request) -> web.Response:
-        """Return everything the page's tree holds."""
+        """Return all objects of the page's tree."""
         return web.json_response(self._objects)
 
     async def history(self, request: web.Request) -> web.Response:
-        """Return values of a point, of memory and recordings, within an interval."""
+        """Return the values of a point within an interval, from recordings and memory."""
         key = request.match_info["key"]
         try:
             start_ms, end_ms = (float(request.query[name]) for name in ("start", "end"))
@@ -151,14 +151,14 @@ class Gateway:
         return web.json_response(thinned(rows, size))
 
     async def latest(self, request: web.Request) -> web.Response:
-        """Return the newest value of a point."""
+        """Return the newest value of a point, [[time in ms, value]]; [] if there is none."""
         packet, _, field = request.match_info["key"].partition(".")
         t_ms, numbers = self.feed.latest.get(packet, (0.0, {}))
         found = [[t_ms, numbers[field]]] if field in numbers else []
         return web.json_response(found)
 
     async def stream(self, request: web.Request) -> web.WebSocketResponse:
-        """Send live values, staleness and the state of the link until the page goes."""
+        """Send live values, staleness and the state of the link until the page is closed."""
         socket = web.WebSocketResponse(heartbeat=10.0)
         await socket.prepare(request)
         client = PageClient()
@@ -199,7 +199,7 @@ class Gateway:
 
 
 def _change_wanted(client: PageClient, text: str) -> None:
-    """Add or remove what a page wants; what it does not say properly is ignored."""
+    """Change a page's subscriptions by its message; ignore an invalid message."""
     try:
         message = json.loads(text)
         client.wanted |= set(map(str, message.get("subscribe", ())))
@@ -217,7 +217,7 @@ def application(
     make_stream: Callable[[], PacketStream] = ClearStream,
     desk: Desk | None = None,
 ) -> web.Application:
-    """Return the server. Raises UsageError when Open MCT is not there."""
+    """Return the web application. Raises UsageError when the files of Open MCT are missing."""
     if not (assets / ENTRY).exists():
         raise UsageError(f"{assets}: Open MCT is not there; run `ground fetch-assets`")
     gateway = Gateway(host, port, Recordings(recordings), make_stream, desk)
@@ -252,7 +252,7 @@ def application(
 def serve(
     arguments: argparse.Namespace, make_stream: Callable[[], PacketStream], desk: Desk | None
 ) -> int:
-    """Serve until interrupted; the first line printed is the page's address."""
+    """Print the page's address and serve until interrupted; return 0."""
     assets = arguments.assets or default_folder()
     token = None if arguments.http_token is None else read_token(arguments.http_token)
     guard = Guard(arguments.http_host, token)
