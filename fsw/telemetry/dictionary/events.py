@@ -72,7 +72,7 @@ _TABLE: tuple[tuple[int, str, Severity, str], ...] = (
     (85, "TABLE_CORRUPT", _HIGH, "a stored table cannot be read; the one before it is used"),
     (86, "TABLE_DUMPED", _INFO, "a table was written to a file"),
     (90, "PARAMETERS_SET", _INFO, "on-board parameters were set"),
-    (91, "PARAMETERS_CORRUPT", _HIGH, "stored parameters cannot be read; defaults are used"),
+    (91, "PARAMETERS_CORRUPT", _HIGH, "stored parameters cannot be read; older or defaults used"),
     (100, "LIMIT_VIOLATED", _MEDIUM, "a monitored value is outside its limits"),
     (101, "LIMIT_RECOVERED", _INFO, "a monitored value is within its limits again"),
     (102, "LIMIT_ACTION", _HIGH, "a monitor has taken its action"),

@@ -221,14 +221,13 @@ _VITAL = {  # telecommand -> its hazard
     "ABORT_SEQUENCE": "the rest of its telecommands is not released",
     "ABORT_SEQUENCES": "the rest of their telecommands is not released",
 }
-_SLOW = ("PLAY_BACK", "CHECK_OBJECT")
-_SLOW_S = 3600.0
+_PLAYBACK_S = 3600.0
 
 
 def _annotated(item: Telecommand) -> Telecommand:
     """Return a telecommand with its significance or its timeout, if not the default ones."""
-    if item.name in _SLOW:
-        return replace(item, timeout_s=_SLOW_S)
+    if item.name == "PLAY_BACK":
+        return replace(item, timeout_s=_PLAYBACK_S)
     if item.name in _VITAL:
         return replace(item, significance=Significance.VITAL, hazard=_VITAL[item.name])
     return item

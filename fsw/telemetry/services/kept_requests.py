@@ -37,7 +37,7 @@ def checked_request(
     return request
 
 
-def request_id_of(source: int, apid: int, sequence_count: int, packet: bytes) -> bool:
+def is_request(source: int, apid: int, sequence_count: int, packet: bytes) -> bool:
     """Return whether a packet is the one that the standard's request identifier names."""
     wanted = RequestId(packet_id=PACKET_ID | apid, sequence=UNSEGMENTED | sequence_count)
     return RequestId.of(packet) == wanted and source_of(packet) == source

@@ -18,8 +18,8 @@ from fsw.telemetry.services.context import TelemetryContext
 from fsw.telemetry.services.executor import Action, Done, Handler, for_each
 from fsw.telemetry.services.kept_requests import (
     checked_request,
+    is_request,
     packet_of,
-    request_id_of,
     source_of,
 )
 from fsw.telemetry.services.long_work import Pieces
@@ -147,7 +147,7 @@ class Schedule:
         """Return the waiting activities that a request identifier names. Raises TcError."""
         source, apid = request.whole("source_id"), request.whole("apid")
         count = request.whole("sequence_count")
-        found = [a for a in self._waiting if request_id_of(source, apid, count, a.packet)]
+        found = [a for a in self._waiting if is_request(source, apid, count, a.packet)]
         if not found:
             raise TcError(Error.BAD_ARG, 3, count, "none like this waits")
         return found
@@ -212,7 +212,9 @@ class Schedule:
             activity = Activity(carried_over(release_ns, then, now), request, packet)
             if activity.release_ns < now_ns - LATE_NS:
                 self._discard(activity, "its time passed while the daemon was down")
-            elif len(self._waiting) < CAPACITY:
+            elif len(self._waiting) >= CAPACITY:
+                self._discard(activity, f"more than {CAPACITY} were stored")
+            else:
                 self._waiting.append(activity)
         self._waiting.sort(key=lambda item: item.release_ns)
         if self._waiting:

@@ -2,7 +2,7 @@
 
 from fsw.telemetry.dictionary.codes import Health
 
-# SET_BY: events that set a bit; CLEARED_BY: events that end the fault
+# events that set a bit
 SET_BY = {
     "PORT_LOST": Health.PORT_LOST,
     "ESTIMATOR_RESET": Health.ESTIMATOR_RESET,
@@ -31,7 +31,6 @@ SET_BY = {
     "TC_AUTH_FAILED": Health.SECURITY,
     "TC_NOT_AUTHORISED": Health.SECURITY,
 }
-CLEARED_BY = {"COMMAND_BACK": Health.COMMAND_LOSS, "LIMIT_RECOVERED": Health.LIMIT}
 
 
 class HealthWord:
@@ -52,8 +51,6 @@ class HealthWord:
 
     def event(self, code: str) -> int:
         """Apply an event to the health word; return the newly latched bits."""
-        if code in CLEARED_BY:
-            self._standing &= ~(1 << CLEARED_BY[code])
         bit = SET_BY.get(code)
         return 0 if bit is None else self.set(bit)
 

@@ -205,7 +205,10 @@ class PacketStore:
         return segment.size_bytes
 
     def _find(self) -> None:
-        """Find the segments of earlier runs; remove files that cannot be read as segments."""
+        """Find the segments of earlier runs; remove files that are no segments.
+
+        A file that cannot be read now stays: a later start may read it.
+        """
         if not self._folder.is_dir():
             return
         named = [(_NAME.match(path.name), path) for path in self._folder.iterdir()]
@@ -213,7 +216,9 @@ class PacketStore:
             self._next = number + 1
             try:
                 epoch, data = read_segment(path)
-            except (OSError, ValueError):
+            except OSError:
+                continue
+            except ValueError:
                 path.unlink(missing_ok=True)
                 continue
             segment = StoreSegment(number, path, epoch)

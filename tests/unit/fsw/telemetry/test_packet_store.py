@@ -131,3 +131,18 @@ def test_a_segment_removed_while_it_is_read_is_passed_over(tmp_path):
 def test_arbitrary_bytes_hold_no_packets_and_raise_nothing():
     for data in (b"", b"\0" * 5, b"\xff" * 300, packet(1)[:-1], packet(1)[:20]):
         assert list(split_packets(data)) == []
+
+
+def test_a_segment_that_cannot_be_read_now_is_not_lost(tmp_path, monkeypatch):
+    stored = packet(1.0)
+    store(tmp_path).append(stored)
+    (path,) = tmp_path.iterdir()
+
+    def fail(_path: Path) -> None:
+        raise OSError("the disk does not answer")
+
+    with monkeypatch.context() as failing:
+        failing.setattr("fsw.telemetry.state.packet_store.read_segment", fail)
+        assert found(store(tmp_path)) == []
+    assert path.exists()
+    assert found(store(tmp_path)) == [stored]

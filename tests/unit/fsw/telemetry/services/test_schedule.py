@@ -156,3 +156,15 @@ def test_an_n_other_than_1_is_refused(flight: Flight):
     wrong = good[:11] + b"\x02" + good[12:-2]
     flight.app.executor.receive(wrong + crc16.ibm_3740(wrong).to_bytes(2, "big"))
     assert flight.error() is Error.OUT_OF_RANGE
+
+
+def test_what_is_stored_beyond_the_capacity_is_discarded_and_reported(
+    flight: Flight, monkeypatch: pytest.MonkeyPatch
+):
+    for count in (1, 2):
+        flight.send("INSERT_ACTIVITY", at(10.0 * count, flight, ping(count)))
+    monkeypatch.setattr("fsw.telemetry.services.schedule.CAPACITY", 1)
+    again = restarted(flight)
+    assert times(again) == [1010.0]
+    assert again.codes.count("SCHEDULE_DISCARDED") == 1
+    assert again.app.onboard.schedule.discarded == 1
