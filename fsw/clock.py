@@ -63,7 +63,7 @@ class MonotonicClock:
 
 
 def monotonic_less_realtime_ns() -> int:
-    """Return CLOCK_MONOTONIC minus CLOCK_REALTIME [ns], valid for stamps taken just now."""
+    """Return CLOCK_MONOTONIC minus CLOCK_REALTIME [ns], for stamps made just now."""
     return _read_together()[0]
 
 

@@ -1,7 +1,7 @@
 """Stamped bytes and frames between ports and codecs, and the protocols of ports.
 
-Frames are passed as arrays of `FRAME`: a stamp, then the Linux structure of a CAN FD frame. Of it,
-a classic frame uses the first 16 bytes. `CanFrame` holds one frame as plain values.
+Frames are passed as arrays of `FRAME`: a stamp, then the Linux structure of a CAN FD frame. A
+classic frame uses the first 16 bytes of the structure. `CanFrame` holds one frame as plain values.
 """
 
 import struct
@@ -30,7 +30,7 @@ FRAME = np.dtype(
 )
 _WORD = 8  # byte of a row at which the Linux structure begins
 CLASSIC_ROW_BYTES = _WORD + CLASSIC_BYTES  # bytes of a row that a classic frame uses
-FrameArray = NDArray[np.void]  # (k,) of FRAME; `word` is the identifier with its flag bits
+FrameArray = NDArray[np.void]  # (k,) rows of FRAME; `word` is the identifier with its flag bits
 NO_FRAMES: FrameArray = np.empty(0, FRAME)
 
 
@@ -168,7 +168,7 @@ def joined(parts: Sequence[FrameArray]) -> FrameArray:
 
 
 def picked(frames: FrameArray, is_wanted: NDArray[np.bool_]) -> FrameArray:
-    """Return the wanted ones of (k,) frames; `take` copies rows, an index field by field."""
+    """Return the wanted ones of (k,) frames; `take` copies whole rows, which is fast."""
     return frames.take(np.flatnonzero(is_wanted))
 
 

@@ -288,7 +288,7 @@ def _read_chunk(path: Path, index: ChunkIndex, topics: Mapping[int, str]) -> dic
 
 
 def _places(indexes: bytes) -> IntArray:
-    """Return the places at which messages of a chunk begin, ascending, by its indexes."""
+    """Return the ascending places at which a chunk's messages begin, from its indexes."""
     at, found = 0, [np.empty(0, np.int64)]
     while at + _INDEX.size <= len(indexes):
         _, length, _, size = _INDEX.unpack_from(indexes, at)

@@ -125,7 +125,7 @@ def put_back_bodies(estimator: object, snapshot: Snapshot) -> Estimate:
 
 
 def judge(checkpoint: Checkpoint, boot_id: str, now_ns: int, hold_s: float) -> Restart:
-    """Decide how much of a checkpoint to use: all of it only up to `hold_s` and in one boot."""
+    """Decide how much of a checkpoint to use: all of it only within `hold_s` and one boot."""
     if not boot_id or checkpoint.boot_id != boot_id:
         return Restart(checkpoint=checkpoint, mode=Mode.BODIES, age_s=None)
     age_s = (now_ns - checkpoint.snapshot.t_ns) * 1e-9
@@ -142,7 +142,7 @@ def resume(
     *,
     recorded: bool = True,
 ) -> Estimate | None:
-    """Continue from a checkpoint; return the estimate, or None and an event if it does not fit.
+    """Continue from a checkpoint and return the estimate; None and an event if it does not fit.
 
     An exact continuation keeps the grid of the windows, so that times counted from the first SYNC
     do not change.

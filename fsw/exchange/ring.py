@@ -46,12 +46,12 @@ class _Ring:
 
     @property
     def dropped(self) -> int:
-        """Records the writer could not place."""
+        """Number of records that found no room."""
         return self._header[_DROPPED]
 
     @property
     def records(self) -> int:
-        """Records written."""
+        """Number of records written."""
         return self._header[_RECORDS]
 
     @property

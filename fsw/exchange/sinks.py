@@ -1,4 +1,4 @@
-"""Messages between the processes, the Sink protocol, and sinks without a destination."""
+"""Messages between the processes, the Sink protocol, and sinks that discard, copy or join."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -36,7 +36,7 @@ TURN_LIMIT_RAD = 0.2  # largest error of a gyro between two solutions
 class RotationMonitor:
     """Judges the attitude solutions and the gyro of every window.
 
-    Rotations are quaternions xyzw; rates in base axes.
+    Rotations are quaternions xyzw; rates are in axes of B.
     """
 
     def __init__(self, config: Config) -> None:
@@ -189,7 +189,7 @@ class RotationMonitor:
 
 
 def without_spikes(values: FloatArray, limit: float) -> FloatArray:
-    """Return values (k, 3); a value farther than `limit` from its median of five becomes it."""
+    """Return values (k, 3); those beyond `limit` of the median of five become that median."""
     if len(values) < MEDIAN_OF:
         return values
     side, k = MEDIAN_OF // 2, len(values)

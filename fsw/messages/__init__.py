@@ -164,7 +164,7 @@ class Block:
     qdd_rad_s2: FloatArray  # (m, n)
     tau_nm: FloatArray  # (m, n)
     w_NB_B_rad_s: FloatArray  # (m, 3) gyro rotated to B, bias not removed
-    wd_NB_B_rad_s2: FloatArray  # (m, 3) its derivative
+    wd_NB_B_rad_s2: FloatArray  # (m, 3) derivative of w
     f_NS_B_m_s2: FloatArray  # (m, 3) specific force at the sensor, in B axes, bias not removed
     R_NB: FloatArray  # (m, 3, 3) attitude; identity where it is not known
     cov_joint: (
@@ -183,7 +183,7 @@ class Block:
     imu_products: FloatArray = field(default_factory=lambda: np.zeros((1, 2)))
     # k reaction wheels about their axes, in configured order; empty without wheels
     wheel_nms: FloatArray = field(default_factory=_no_wheels)  # (m, k) momentum from the speed
-    wheel_nm: FloatArray = field(default_factory=_no_wheels)  # (m, k) its derivative
+    wheel_nm: FloatArray = field(default_factory=_no_wheels)  # (m, k) derivative of the momentum
     cov_wheel: FloatArray = field(default_factory=_no_noise)  # (k, 2 m, 2 m) of both at the nodes
     # valves of K thrusters; empty without thrusters
     edges: FloatArray = field(default_factory=_no_wheels)  # (MOST_EDGES, 3), see estimators/valves

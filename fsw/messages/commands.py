@@ -29,7 +29,7 @@ class CommandName(StrEnum):
 
     STATUS = "status"  # answered by the service from the newest summary
     RESET = "reset"  # estimator back to its prior
-    FINISH = "finish"  # settle completely and publish
+    FINISH = "finish"  # re-linearise until the estimate converges, and publish
     REPORT = "report"  # diagnosis of the current estimate, in numbers and words
     RUN_BATCH = "run_batch"  # start a batch job on recorded blocks
     RUN_PLAN = "run_plan"  # start a batch job that plans a motion from the present estimate

@@ -127,7 +127,7 @@ def severity(fault: Fault) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing found wrong."""
+    """One observation of a fault."""
 
     t_ns: int  # time of the data that showed the fault, on the daemon's clock
     fault: Fault

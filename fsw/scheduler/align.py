@@ -36,7 +36,7 @@ MAX_WAITING = 16384  # most samples that are not sorted in yet
 class AlignCounters:
     """Numbers of samples left out of their windows."""
 
-    late: dict[str, int]  # by source: valid in a closed window, or received after its deadline
+    late: dict[str, int]  # by source: received after the window had closed or after its deadline
     early: int  # valid before the first window
     future: int  # valid more than SPARE_WINDOWS after their receipt
     overflow: int  # found no room in their window

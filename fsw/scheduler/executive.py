@@ -63,7 +63,7 @@ class Executive:
         self._cpu_time_ns, self._held_ns = cpu_time_ns, held_ns
         self._stall_ns, self._budget_ns = stall_ns, budget_ns
         self._began_ns = 0  # wake of the newest tick
-        self._began_cpu_ns = 0  # processor time when the wait for it began
+        self._began_cpu_ns = 0  # processor time when the wait for that tick began
         self._longest_ns = 0  # longest work over the budget since the last report
         self._stalls: list[Stall] = []
         self._t0_ns: int | None = None

@@ -1,1 +1,1 @@
-"""Pure codecs: wire bytes to samples or counted rejects."""
+"""Pure codecs: they convert wire bytes to values, or to a reason for rejection."""

@@ -50,5 +50,5 @@ class ImuCodec(Protocol):
         ...
 
     def run(self, chunks: Sequence[ByteChunk]) -> ImuRun | None:
-        """Decode the leading chunks if all readings are usable, without feeding; else None."""
+        """Decode leading chunks of usable datagrams without feeding them; None if none."""
         ...

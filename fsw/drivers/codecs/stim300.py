@@ -40,7 +40,7 @@ STATUS_OVERLOAD = 0x10
 STATUS_CHANNEL_ERROR = 0x08
 STATUS_UNUSABLE = STATUS_INTEGRITY | STATUS_START_UP | STATUS_OVERLOAD | STATUS_CHANNEL_ERROR
 
-_SETS = ("g", "ga", "gi", "gai")  # gyro, accelerometer, inclinometer
+_SETS = ("g", "ga", "gi", "gai")  # clusters: gyro, accelerometer, inclinometer
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,7 +181,7 @@ class StimMatcher:
         self._misses = 0  # bytes searched since the last datagram
 
     def search(self, data: bytearray, start: int) -> int:
-        """Return the place of the next identifier, or from which to search again."""
+        """Return the place of the next identifier, or the place at which to search again."""
         if self._locked is not None:
             limit = min(len(data), start + UNLOCK_BYTES - self._misses)
             at = data.find(self._locked, start, limit)

@@ -75,7 +75,7 @@ def open_can(bus: BusConfig, clock: Clock) -> FramePort:
 def _socket_of(
     device: can.BusABC, interface: str
 ) -> tuple[socket.socket | None, tuple[str, int] | None]:
-    """Return the socket to read in place of python-can and its multicast group; None: none."""
+    """Return python-can's socket, to be read here, and its multicast group; None if absent."""
     link = group = None
     if interface == "socketcan":
         link = getattr(device, "socket", None)

@@ -67,7 +67,7 @@ NOTHING = Received(np.empty((0, 0), np.uint8), np.empty(0, np.uint32), np.empty(
 
 
 def prepare(link: socket.socket, buffer_bytes: int) -> int:
-    """Ask for a large receive buffer, kernel stamps and the drop counter.
+    """Request a large receive buffer, kernel stamps and the drop counter.
 
     Returns
     -------

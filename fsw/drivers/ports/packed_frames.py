@@ -32,7 +32,7 @@ from fsw.drivers.wire import (
     rows_of,
 )
 
-PACKED_BYTES = 512  # the packed form of a CAN FD frame takes about 250
+PACKED_BYTES = 512  # the packed form of a CAN FD frame has about 250 bytes
 MOST_LAYOUTS = 64  # sizes with a known layout; datagrams of other sizes are unpacked by msgpack
 _UINT16, _BIN8, _FLOAT64 = 0xCD, 0xC4, 0xCB  # leading bytes of msgpack values
 

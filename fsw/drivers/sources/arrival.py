@@ -39,11 +39,11 @@ class ArrivalTracker:
         self._open: list[Arrival] = []
 
     def is_new_chunk(self, frame: Frame) -> bool:
-        """Return whether this frame, when added, makes the open chunk final."""
+        """Return whether adding this frame makes the open chunk final."""
         return frame.pieces[-1].chunk != self._chunk
 
     def finish(self, frame: Frame) -> list[Arrival]:
-        """Return the arrivals of the open chunk; `frame` ends in a later chunk: they are final.
+        """Return the open chunk's arrivals, which are final as `frame` ends in a later chunk.
 
         `bytes_in_chunk` belongs to these arrivals until the next `add`.
         """

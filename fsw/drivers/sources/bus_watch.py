@@ -89,7 +89,7 @@ class BusWatch:
         self._silent, self._late = silent_syncs, late_syncs
         self._answers: dict[int, dict[int, int]] = {}
         self._heard = 0  # number of nodes received so far
-        self._index = -1  # of the newest SYNC
+        self._index = -1  # index of the newest SYNC
         self._bus_silent = False
         self._strangers = 0
         self._repeat = max(1, round(REPEAT_S * rate_hz))

@@ -3,7 +3,7 @@
 The host sees an item with device time n when it was sent plus a delay that is never negative. So
 the line t = offset + tick n lies under every observation, and the earliest observations define it.
 The minima of short bins over the last minute are kept. The line is the edge of their lower convex
-hull at the middle of their times, about the support line with least summed distance to the points.
+hull at mid-span: for evenly spaced minima, the line below them with the least summed distance.
 """
 
 import itertools

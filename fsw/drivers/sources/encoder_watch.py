@@ -12,7 +12,7 @@ CONFIDENT_SAMPLES = 50  # samples in a row before a step makes the newer sample 
 HOLD_S = 10.0
 STUCK_SAMPLES = 3  # equal readings ...
 STUCK_RATE_RATIO = 0.02  # ... while the rate is above this part of the speed limit
-RATE_GAIN = 0.125  # of the running mean of the rate
+RATE_GAIN = 0.125  # gain of the running mean of the rate
 
 
 class EncoderWatch:

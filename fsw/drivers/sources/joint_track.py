@@ -87,7 +87,7 @@ class JointTrack:
 
     @property
     def state(self) -> tuple[bool, int, int, float, float]:
-        """Whether nothing is in doubt; newest SYNC, its time [ns], position [rad], rate [rad/s]."""
+        """Whether nothing is doubted, newest SYNC, its time [ns], position [rad], rate [rad/s]."""
         t_ns, position_rad, rate = self._encoder.newest
         clean = self.first_sync >= 0 and self._encoder.is_steady and t_ns == self._last_t_ns
         return clean, self._newest, t_ns, position_rad, rate
@@ -102,7 +102,7 @@ class JointTrack:
         self._chain = 0
 
     def settle(self, first: int, stop: int) -> None:
-        """Count the SYNCs of [first, stop) for which no sample was accepted in time as lost."""
+        """Count as lost the SYNCs first to stop - 1 that have no sample accepted in time."""
         first = max(first, self.first_sync + 1, stop - HISTORY_SYNCS)
         if self.first_sync < 0 or first >= stop:
             return

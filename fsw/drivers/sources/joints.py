@@ -112,7 +112,7 @@ class JointBusSource:
         return dict(self._states)
 
     def motor_side(self) -> dict[str, dict[str, float]]:
-        """Return the newest TPDO2 values of every joint that sends them, by name.
+        """Return the newest TPDO2 values of every joint that sends them, by name of the joint.
 
         `velocity_rad_s` and `motor_torque_ratio` (of the rated torque) have the joint's configured
         sign; `temperature_degc` is the third value.

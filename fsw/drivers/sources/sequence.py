@@ -66,7 +66,7 @@ class CounterTrack:
         self._latency_ns = 0.0
         self._chain = 0
         self._chain_counter = 0
-        self.index = 0  # of the last accepted sample [ticks]
+        self.index = 0  # index of the last accepted sample [ticks]
         self.lost = 0
 
     def is_repeated(self, counter: int) -> bool:

@@ -102,7 +102,7 @@ class SyncHistory:
         return np.where(found, first + at, UNKNOWN), stamps_ns, first + last
 
     def _take_new(self) -> None:
-        """Put the SYNCs of this batch behind those held; forget what no answer can echo."""
+        """Append the SYNCs of this batch to the held ones; discard SYNCs too old to be echoed."""
         new = np.array(self._new, np.int64).reshape(-1, 3)
         self._new = []
         # every answer of this batch came after the newest SYNC of the batches before
