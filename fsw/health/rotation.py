@@ -56,7 +56,6 @@ class RotationMonitor:
         self._bad_pairs = self._good_pairs = self._off = 0
         self._turned_pairs = 0  # bad pairs in a row that turn by the gyro's angle
         self._misread = False  # a rotation or mounting is configured wrongly
-        self._from_ns = 0  # end of the integrals
         self.gyro_faulty = False
 
     def judge(self, window: Window) -> tuple[Window, list[Finding]]:

@@ -27,9 +27,8 @@ from fsw.messages import (
 from fsw.messages.findings import Finding
 
 POSITION, TORQUE = "position_rad", "torque_nm"  # keys of values of joints, by name
-SPEED = "speed_rad_s"  # key of joints whose encoder gives no position
+SPEED = "speed_rad_s"  # key of joints whose encoder gives no position, and of wheels, by name
 RATE, FORCE = "w_NS_S_rad_s", "f_NS_S_m_s2"
-SPEED = "speed_rad_s"  # key of values of wheels, by name
 QUATERNION = "q_xyzw"
 NORM_TOLERANCE = 1e-2
 NOTHING = (np.nan, np.nan, np.nan)
