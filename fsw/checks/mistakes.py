@@ -228,7 +228,7 @@ class _Readings:
     offset_nm: FloatArray
 
     def changed(self, block: Block, sign: FloatArray, torque_sign: FloatArray) -> Block:
-        """Return the block for readings of opposite sign: -1 in `sign` or `torque_sign` (n,)."""
+        """Return the block with the readings reversed where `sign` or `torque_sign` (n,) is -1."""
         return replace(
             block,
             q_rad=sign * (block.q_rad + self.zero_rad) - self.zero_rad,

@@ -152,7 +152,7 @@ def _impossible(config: Config, model: RobotModel) -> list[str]:
 
 
 def _known_links(config: Config, model: RobotModel) -> list[tuple[str, FloatArray]]:
-    """Return name and parameters (10,) of each link of the URDF, without a configured base."""
+    """Return name and parameters (10,) of each URDF link except a root replaced by bodies.base."""
     names = [ROOT_LINK, *(f"the link moved by {name!r}" for name in model.joint_names)]
     links = list(zip(names, model.pi_links.reshape(-1, PARAMETERS), strict=True))
     return links[1:] if "base" in config.bodies else links

@@ -27,7 +27,7 @@ LARGEST: dict[str, dict[str, float]] = {  # largest absolute value by element an
 
 
 class _Bounded(ET.TreeBuilder):
-    """Builds the tree of a document; raises ConfigError for a document type or an excess."""
+    """Builds the tree of a document; raises ConfigError for a document type or a broken bound."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -80,7 +80,7 @@ def check_urdf(content: bytes) -> None:
 
 
 def _check_numbers(root: ET.Element) -> None:
-    """Raise ConfigError for numbers that no robot has; the library reports words among them."""
+    """Raise ConfigError for numbers that no robot has; other words are left to the library."""
     for element in root.iter():
         for name, largest in LARGEST.get(element.tag, {}).items():
             for word in element.get(name, "").split():

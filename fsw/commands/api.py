@@ -69,7 +69,7 @@ class Identification:
 
     @property
     def status(self) -> str:
-        """OK, or why the estimate must not be used."""
+        """OK, or the reason why the estimate must not be used."""
         return str(self.values["status"])
 
     @property
@@ -149,8 +149,8 @@ def identify(
     unknown : base, target, both, or names with commas; None: as the configuration says
     weighting : for method mrnea only; None: as the configuration says
     from_s, to_s : the part of the recording to use [s from its start]
-    holdout : share of the windows (0 to 0.9) to predict instead of using; None: all are used
-    reference : recording of the robot without the unknown bodies except the base; None: not used
+    holdout : share of the windows (up to 0.9) to hold out and predict; None: all windows are used
+    reference : recording of the robot with all unknown bodies but the base removed; None: not used
     report : path of an HTML page; CSV and PNG files go beside it; None: no page is written
     progress : called with the share done (0 to 1) and a line of text; returning False ends the run
 

@@ -92,7 +92,7 @@ def as_ros2(body: Body) -> str:
 
 
 def write_body(body: Body, path: Path) -> None:
-    """Write a Parquet table with the columns quantity, value, sigma and covariance (one row of it).
+    """Write a Parquet table with columns quantity, value, sigma, covariance (the quantity's row).
 
     Raises
     ------

@@ -50,8 +50,8 @@ def identify(
 ) -> dict[str, Any]:
     """Identify bodies from a recording by one batch method.
 
-    `reference` is a recording of the same robot without the unknown bodies except the base.
-    `holdout` is the share of the windows to predict instead of using; None: all are used. `show` is
+    `reference` is a recording of the same robot with all unknown bodies but the base removed.
+    `holdout` is the share of the windows to hold out and predict; None: all are used. `show` is
     called with the result and its evidence. If these three are None and outside_wrench is ignore,
     the recursive estimator runs only when a part of the data does not fit the batch result.
 

@@ -199,7 +199,7 @@ def replay(
     Parameters
     ----------
     sink : receives the output, such as blocks, estimates and events; None: only the result is kept
-    traffic : receives the same input messages as the estimation; None: nobody else does
+    traffic : receives the same input messages as the estimation; None: there is no such receiver
     pipeline : conditioning and estimation; None: as the configuration says
     span : the part to replay; only a replay of the whole uses recorded commands and checkpoint
     progress : called with a line of text every ten seconds of the recording

@@ -72,7 +72,7 @@ class EstimatorConfig(Section):
     external_torque_sigma_nm: TorqueSigma = 0.0  # origin, axes of N; 0: none estimated
     target_force_sigma_n: ForceSigma = 0.0  # prior of a constant wrench at the target's centre of
     target_torque_sigma_nm: TorqueSigma = 0.0  # mass, such as air; 0: none estimated
-    outside_wrench: Literal["ignore", "watch"] = "ignore"  # watch: leave out windows with one
+    outside_wrench: Literal["ignore", "watch"] = "ignore"  # watch: find and leave out windows
     gate_probability: float = Field(default=1e-6, gt=0, lt=0.1)  # false-alarm rate of the NIS gate
     condition_limit: Positive = 1e8
     forgetting_time_s: LongDuration | None = None  # time constant of information; null: none

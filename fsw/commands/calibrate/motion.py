@@ -197,7 +197,7 @@ def _tracker(
 ) -> list[Figure]:
     """Return the figure of the star tracker's delay; none without tracker or inertial unit.
 
-    The delay is measured relative to the gyro, with the gyro delay of the overlay.
+    The delay is measured relative to the gyro, whose own delay is that of the overlay.
     """
     tracker = config.star_tracker
     if tracker is None or not config.imu.present:

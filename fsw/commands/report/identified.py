@@ -64,7 +64,7 @@ def write_identified(
 
 
 def judged(status: str, held_out_passed: bool | None) -> tuple[bool, str]:
-    """Return whether a batch result is valid, and the headline; None: no window was held out."""
+    """Return validity and headline of a batch result; `held_out_passed` None: none held out."""
     valid = status == "OK" and held_out_passed is not False
     words = [] if status == "OK" else [status]
     if held_out_passed is not None:

@@ -16,7 +16,7 @@ from fsw.messages.errors import ConfigError, PortError
 from fsw.service.control import control
 
 LIVE = "live"  # given instead of a recording: the recording of the running daemon
-LESS_URGENT = 10  # nice value (0 to 19): the loop runs first, but other programs do not all
+LESS_URGENT = 10  # nice value (0 to 19): after the loop, but before idle tasks
 
 
 def status_of(config: Config) -> Mapping[str, Any]:

@@ -71,7 +71,7 @@ def topic(body: str) -> str:
 
 
 def write_series(estimates: Sequence[Estimate], bodies: Sequence[str], path: Path) -> None:
-    """Write the estimates of the bodies to an MCAP file, each stamped with its own time.
+    """Write the estimates of the bodies to an MCAP file, stamped with the end of their window.
 
     Raises
     ------

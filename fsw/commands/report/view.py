@@ -14,7 +14,7 @@ TIME = "time from the start [s]"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Line:
-    """One line of a chart; `low` and `high` are the edges of its band. None: no value there."""
+    """One line of a chart; `low` and `high` are the edges of its band, None if it has no band."""
 
     label: str
     y: list[float | None]
