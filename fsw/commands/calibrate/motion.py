@@ -224,12 +224,16 @@ def _tracker(
     )
     if not np.isfinite(sigma_s):
         return [_delay("star_tracker", tracker.latency_s, 0.0, MOST_S)]
-    by_name = {figure.name: figure for figure in found}
-    gyro_delay = by_name["delay.gyro"]
-    if gyro_delay.measured:  # add the gyro's delay not yet in the stamps
-        changed_s = stamped.imu.gyro_group_delay_s - config.imu.gyro_group_delay_s
-        offset_s += gyro_delay.value - changed_s
-        sigma_s = float(np.hypot(sigma_s, gyro_delay.sigma))
-    else:
-        offset_s -= stamped.imu.gyro_group_delay_s - config.imu.gyro_group_delay_s
-    return [_delay("star_tracker", tracker.latency_s, offset_s, sigma_s)]
+    changed_s = stamped.imu.gyro_group_delay_s - config.imu.gyro_group_delay_s
+    gyro_s, gyro_sigma_s = gyro_delay(found)
+    sigma_s = float(np.hypot(sigma_s, gyro_sigma_s))
+    return [_delay("star_tracker", tracker.latency_s, offset_s + gyro_s - changed_s, sigma_s)]
+
+
+def gyro_delay(found: Sequence[Figure]) -> tuple[float, float]:
+    """Return the measured delay of the gyro and its sigma [s]; zeros where it is not measured.
+
+    Without joints nothing measures it.
+    """
+    own = [figure for figure in found if figure.name == "delay.gyro" and figure.measured]
+    return (own[0].value, own[0].sigma) if own else (0.0, 0.0)

@@ -118,7 +118,7 @@ def refuse_disorder(path: Path, t_ns: IntArray, most_ns: float = DISORDER_NS) ->
 
     Raises
     ------
-    ConfigError that names the first such step, or the smallest stamp.
+    ConfigError that names the first such step, or the stamp out of range.
     """
     back = np.flatnonzero(np.diff(t_ns) < -most_ns)
     if back.size:
@@ -128,8 +128,11 @@ def refuse_disorder(path: Path, t_ns: IntArray, most_ns: float = DISORDER_NS) ->
             f"{path}: time runs backwards {back.size} times, first at sample {first + 2}: "
             f"{after:.6f} s after {before:.6f} s; cut it there, or correct the clock"
         )
-    if t_ns.min() < 0 or t_ns.max() >= END_NS - 1:
+    if t_ns.min() < 0:
         raise ConfigError(f"{path}: a stamp at {t_ns.min() * 1e-9:g} s; must be at least 0")
+    if t_ns.max() >= END_NS - 1:
+        most_s = END_NS * 1e-9
+        raise ConfigError(f"{path}: a stamp at {most_s:g} s or later; must be below {most_s:g}")
 
 
 def _refuse_strangers(config: Config, bus: str, frames: FrameArray, path: Path) -> None:
