@@ -33,7 +33,7 @@ def criterion_error(own: Subject, name: criteria.Name, seed: int = 0) -> float:
 
 
 def limits_error(own: Subject, seed: int = 0) -> float:
-    """Return the limits' largest error along a random direction, over the largest of its kind."""
+    """Return the largest relative error of the limits' Jacobian along a random direction."""
     one = planner(own)
     rng = np.random.default_rng(seed)
     z = one.guesses.random_feasible(rng)

@@ -81,7 +81,7 @@ class Table(BaseModel):
         return FaultEntry(at_s=at_s, for_s=for_s, **values)
 
     def detect_bound_s(self, row: Row) -> float:
-        """Return the time after its begin within which a fault must be reported [s]."""
+        """Return the time from the begin of a fault within which it must be reported [s]."""
         own_s = row.detect_periods * self.period_s[row.sensor]
         return (own_s if row.detect_s is None else row.detect_s) + self.batch_s
 
@@ -91,7 +91,7 @@ class Table(BaseModel):
 
     @property
     def recover_bound_s(self) -> float:
-        """The time after its end within which a recovery must be reported [s]."""
+        """The time from the end of a fault within which the recovery must be reported [s]."""
         return self.recover_s + self.filter_s
 
 

@@ -119,7 +119,7 @@ def _central(mean: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _with_device(body: Body, c_device: FloatArray, c_both: FloatArray) -> FloatArray:
-    """Return the inertia (3, 3) a body adds to the device; centres of mass without and with it."""
+    """Return the inertia (3, 3) that a body adds to the device; c are the centres of mass (3,)."""
     s = c_device - c_both
     r = throws.DEVICE_KG / body.mass_kg * s
     return body.inertia_kg_m2 + moved(body.mass_kg, r) + moved(throws.DEVICE_KG, s)

@@ -51,7 +51,7 @@ class SoakSegment:
 
 
 class Watch(NullSink):
-    """Checks every estimate and event of the daemon, and digests all of them."""
+    """Checks all estimates and events of the daemon, and makes a digest of them."""
 
     def __init__(self) -> None:
         self.broken: list[str] = []

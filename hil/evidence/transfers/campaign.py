@@ -221,7 +221,7 @@ class Exchange:
             process.kill()
             process.communicate()
             if not list((self._place / "ground" / "transfers").glob("*.json")):
-                return time.monotonic(), self._ground("list", "files")  # it was over before
+                return time.monotonic(), self._ground("list", "files")  # already over
             process = self._ground("resume")
         return time.monotonic(), process
 
