@@ -105,7 +105,7 @@ def over_dask(
     ------
     ScenarioError if no scheduler answers at the address.
     """
-    from distributed import Client, as_completed
+    from distributed import Client, KilledWorker, as_completed
 
     try:
         client = Client(address)
@@ -117,8 +117,10 @@ def over_dask(
         ]
         for future in as_completed(futures):
             case = cases[str(future.key).removeprefix("run-")]
-            good = future.status == "finished"
-            yield case, future.result() if good else lost(case, _reason())
+            error = future.exception()
+            died = isinstance(error, KilledWorker)
+            words = _reason() if died else f"{type(error).__name__}: {error}"
+            yield case, future.result() if error is None else lost(case, words)
 
 
 def _executor(jobs: int, *, single: bool) -> ProcessPoolExecutor:

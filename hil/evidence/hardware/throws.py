@@ -94,20 +94,27 @@ def frame_with_blocks(places: str) -> Body:
     return Body(mass, np.asarray(inertia))
 
 
+def _rows(log: Path) -> FloatArray:
+    """Return the needed columns of a log. Raises DataError."""
+    try:
+        parser = import_module("orangebox").Parser.load(str(log))
+        names = list(parser.field_names)
+        columns = [names.index(name) for name in (*NEEDED, "erpm[0]")]
+        return np.array([[frame.data[k] for k in columns] for frame in parser.frames()], float)
+    except ImportError as error:
+        raise DataError("blackbox logs need orangebox: pip install orangebox") from error
+    except Exception as error:  # orangebox raises what its parser meets
+        raise DataError(f"{log}: cannot be read: {error}") from error
+
+
 def write_csv(log: Path, path: Path) -> None:
     """Write the samples of a log after the wheel's start to a CSV file for `fsw import`.
 
     Raises
     ------
-    DataError if the wheel never turns, or if orangebox is not installed.
+    DataError if the log cannot be read, the wheel never turns, or orangebox is not installed.
     """
-    try:
-        parser = import_module("orangebox").Parser.load(str(log))
-    except ImportError as error:
-        raise DataError("blackbox logs need orangebox: pip install orangebox") from error
-    names = list(parser.field_names)
-    columns = [names.index(name) for name in (*NEEDED, "erpm[0]")]
-    rows = np.array([[frame.data[k] for k in columns] for frame in parser.frames()], float)
+    rows = _rows(log)
     speed = rows[:, 7] * 100.0 / POLE_PAIRS * 2.0 * np.pi / 60.0
     turning = np.flatnonzero(speed > TURNING_RAD_S)
     if not len(turning):

@@ -182,6 +182,8 @@ def test_one_process_two_processes_and_dask_give_the_same_bits(path: Path, tmp_p
         keyed = {run.key: run for run in runs}
         address = cluster.scheduler_address
         dask = rows_by_key(pool.over_dask(rows_of, keyed, address, rows_of_lost))
+        ((_, words),) = pool.over_dask(int, {"k": "three"}, address, lambda _, words: words)
+    assert words.startswith("ValueError: invalid literal")
     assert {row["status"] for row in one.values()} == {"OK"}
     for found in (two, dask):
         assert {k: v["digest"] for k, v in found.items()} == {

@@ -114,3 +114,16 @@ def test_throws_of_one_body_are_weighed_by_their_covariance() -> None:
     ]
     square = 10 * (0.1**2 / 0.01 + 0.9**2 / 0.09)
     np.testing.assert_allclose(pooled(apart)[1], 0.009 * square / 9 * np.eye(10), atol=1e-12)
+
+
+def test_a_log_that_cannot_be_read_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Parser:
+        @staticmethod
+        def load(_path: str) -> None:
+            raise IndexError("index out of range")
+
+    monkeypatch.setitem(sys.modules, "orangebox", SimpleNamespace(Parser=Parser))
+    with pytest.raises(DataError, match=r"LOG\.BFL: cannot be read: index out of range"):
+        throws.write_csv(tmp_path / "LOG.BFL", tmp_path / "log.csv")
