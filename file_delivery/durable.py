@@ -1,4 +1,4 @@
-"""Files that survive a crash and a power cut: the old content or the new one, never a mixture.
+"""Writes files that survive a crash and a power cut with their old or new content, never a mix.
 
 The flight software, the bench and the ground side may all import this package.
 """

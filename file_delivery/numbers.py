@@ -26,7 +26,7 @@ class Numbers:
         self._path = path
 
     def take(self) -> int:
-        """Return the next number; without a writable file, one out of order but never reused."""
+        """Return the next number; if the file cannot be written, a new one that is out of order."""
         try:
             with self._path.with_suffix(".lock").open("w") as lock:
                 fcntl.flock(lock, fcntl.LOCK_EX)

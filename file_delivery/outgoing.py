@@ -31,7 +31,7 @@ INBOUND_LIMIT = 256  # units that wait for the state machine
 
 
 class _Numbered(SourceHandler):
-    """The library's sender with a transaction number of 64 bits; the library's have 32."""
+    """The library's sender with a transaction number of 64 bits instead of 32."""
 
     def __init__(self, ends: Pair, user: Ends, number: int) -> None:
         here, there = local_entity(ends.here), remote_entity(ends.there)
@@ -100,7 +100,7 @@ class Outgoing:
             self.give_up(str(error))
 
     def answer(self, unit: GenericPduPacket, now_ns: int) -> None:
-        """Process a unit of the other end. Raises UnitError: bytes beyond the file requested."""
+        """Process a unit of the other end. Raises UnitError if it requests data beyond the file."""
         unit = with_number(unit, self.key[1])
         if isinstance(unit, NakPdu):
             unit = checked_request(unit, self._size)

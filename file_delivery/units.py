@@ -207,7 +207,7 @@ def acknowledgement(
 
 
 def towards_sender(unit: GenericPduPacket) -> PduConfig:
-    """Return the header's settings for an answer to the sender of a unit's file."""
+    """Return the header settings of an answer to the sender of a unit's file."""
     old = unit.pdu_header.pdu_conf
     return PduConfig(
         source_entity_id=old.source_entity_id,

@@ -1,1 +1,1 @@
-"""An ordinary client of the daemon: commands, telemetry, files and a live page."""
+"""Ground programs, clients of the daemon: commands, telemetry, files and a live page."""

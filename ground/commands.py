@@ -38,7 +38,7 @@ class Argument:
     doc: str = ""
 
     def encode(self, text: str, *, checked: bool) -> bytes:
-        """Return a value, given as text, as bytes; `checked`: within limits. Raises UsageError."""
+        """Return the bytes of a value given as text; `checked`: check limits. Raises UsageError."""
         if self.kind == "binary":
             return self._binary(text)
         if self.kind == "string":

@@ -38,7 +38,7 @@ class RefusedError(GroundError):
 
 
 class EndedError(GroundError):
-    """The transfer was refused by the daemon, or cancelled here or there."""
+    """The daemon refused the transfer, or it was cancelled here or on board."""
 
     def __init__(self, message: str) -> None:
         super().__init__(message, FAILED)
@@ -107,7 +107,7 @@ class Delivery:
             self._carry(entity, name, local.name, None)
 
     def facts(self, remote: str) -> Facts | None:
-        """Return size and CRC of a remote file; None if it does not exist. Raises GroundError."""
+        """Return the facts of a remote file; None if it does not exist. Raises GroundError."""
         try:
             (sample,) = self.ask("REPORT_FILE_ATTRIBUTES", path=remote)
         except RefusedError as error:

@@ -1,6 +1,6 @@
 """Splits a telemetry stream into packets, in clear or from authenticated frames.
 
-A frame is one of CCSDS 732.1-B (USLP) with the security of 355.0-B, and carries one packet:
+A frame follows CCSDS 732.1-B (USLP) with the security of 355.0-B, and carries one packet:
 
     header 7 | SPI 2 | IV 12 | encrypted: 0xE0, packet | MAC 16 | FECF 2      [bytes, big-endian]
 
@@ -80,7 +80,7 @@ class ClearStream:
 
 
 class FrameStream:
-    """Authenticated frames; everything else is discarded and counted.
+    """Yields the packets of authenticated frames; discards and counts all other bytes.
 
     Parameters
     ----------

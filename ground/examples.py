@@ -1,4 +1,4 @@
-"""One example for the help of every command; a test parses each."""
+"""One example for the help text of every command; a test parses every example."""
 
 EXAMPLES = {
     "list": "ground list RUN_BATCH",

@@ -207,7 +207,7 @@ class Files:
 
 
 class Wanted:
-    """Callable: is a transfer still wanted? `ground file cancel` removes the transfer's record."""
+    """Reports whether a transfer is still wanted: `ground file cancel` removes its record."""
 
     def __init__(self, records: Records, transfer: ResumableTransfer) -> None:
         self._records, self._transfer = records, transfer

@@ -53,7 +53,7 @@ class Link:
             raise LinkError(f"lost: {error.strerror or error}") from error
 
     def packets(self, until_s: float) -> Iterator[bytes]:
-        """Yield packets until `until_s` of the monotonic clock [s]. Raises LinkError: link lost."""
+        """Yield packets until a time of the monotonic clock [s]. Raises LinkError: link lost."""
         while True:
             for packet in self.stream.packets():
                 self.is_heard = True

@@ -38,7 +38,7 @@ class Range:
 
 
 def time_of(packet: bytes) -> float | None:
-    """Return the mission elapsed time in a packet's secondary header [s]; None: it has none."""
+    """Return the mission elapsed time in a packet's secondary header [s]; None if it has none."""
     if not packet[0] & SECONDARY_HEADER or len(packet) < TIME_AT + 8 or packet[TIME_AT] != P_FIELD:
         return None
     coarse = int.from_bytes(packet[TIME_AT + 1 : TIME_AT + 5], "big")

@@ -40,7 +40,7 @@ class Sample:
 
 
 def split(buffer: bytearray) -> Iterator[bytes]:
-    """Remove whole packets from a buffer and yield them. Raises LinkError: not telemetry."""
+    """Yield whole packets and remove them from the buffer. Raises LinkError if one is invalid."""
     while len(buffer) >= HEADER_BYTES:
         length = (buffer[4] << 8 | buffer[5]) + HEADER_BYTES + 1
         if buffer[0] >> 4 != 0:  # version 0, telemetry

@@ -271,12 +271,12 @@ def carry_on(
     wait_s: float,
     progress: Progress,
 ) -> int:
-    """Do some work over a link, and repeat it when the link is lost. Raises GroundError.
+    """Return the result of some work over a link; repeat the work if the link is lost.
 
     Parameters
     ----------
     until_s : time of the monotonic clock [s] after which a lost link is not opened again
-    wait_s : longest time [s] without a packet of the daemon
+    wait_s : longest time [s] without a packet of the daemon; then the LinkError is raised
     """
     lost_s: float | None = None
     while True:

@@ -92,7 +92,7 @@ class Verification:
 
     @property
     def expected_number(self) -> int | None:
-        """The key's number that the daemon expects, if a REPLAY report names it; else None."""
+        """Number of the key that the daemon expects next; None unless a REPLAY report names it."""
         named = [float(s.values["error_value"]) for s in self.reports if _is_replay(s)]
         return int(named[-1]) if named and 0.0 <= named[-1] <= MAX_NUMBER else None
 

@@ -25,8 +25,8 @@ class Geometry:
     parents: tuple[int, ...]  # body that carries joint i: 0 the base, k + 1 the link of joint k
     tool_body: int  # body that carries the tool frame
     R: tuple[FloatArray, ...]  # (3, 3) rotation of joint i at zero in its parent's frame
-    p: tuple[FloatArray, ...]  # (3,) its position [m]
-    axis: tuple[FloatArray, ...]  # (3,) in the joint's own frame
+    p: tuple[FloatArray, ...]  # (3,) position of joint i in its parent's frame [m]
+    axis: tuple[FloatArray, ...]  # (3,) axis of joint i in the joint's own frame
     slides: tuple[bool, ...]  # whether joint i is prismatic
     R_tool: FloatArray  # tool frame in the frame of `tool_body`
     p_tool: FloatArray
@@ -102,8 +102,8 @@ def pose(arm: Geometry, q: ca.SX) -> Pose:
 def spatial_inertia(pi: ca.SX, R: ca.SX, p: ca.SX) -> ca.SX:
     """Return the 6 x 6 inertia about B's origin of a body with parameters pi (10,) in frame R, p.
 
-    I_B = R I R^T - [p x][h x] - [h x][p x] - m [p x][p x] with h = R (m c); first mass moment
-    h + m p.
+    I_B = R I R^T - [p x][h x] - [h x][p x] - m [p x][p x] with h = R (m c). The first mass moment
+    about B's origin is h + m p.
     """
     m, h = pi[0], R @ pi[1:4]
     own = ca.blockcat([[pi[4], pi[5], pi[7]], [pi[5], pi[6], pi[8]], [pi[7], pi[8], pi[9]]])

@@ -1,8 +1,8 @@
 """Distances between bodies with collision geometry, and their derivatives by joint positions.
 
-Geometry is the URDF's, with a box for the grasped target if the limits give one; distances come
-from Pinocchio and coal. Pairs on one link or on neighbouring links, which touch by design, are left
-out.
+The geometry is that of the URDF, with a box for the grasped target if the limits define one.
+Pinocchio and coal compute the distances. Pairs on one link or on neighbouring links, which touch by
+design, are left out.
 """
 
 from pathlib import Path

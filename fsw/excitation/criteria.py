@@ -10,7 +10,7 @@ with all other states marginalised, in units of the prior sigmas where units mus
     d      log det C / 2 of the quantities with weight        a  trace of W C W
     e      largest eigenvalue of W C W                          W = diag(sqrt(weight) / prior sigma)
     cond   condition number of the stacked torque regressor
-    gamma  xi1 cond + xi2 / sum |tau|                          eq. (17) of the paper
+    gamma  xi1 cond + xi2 / integral of sum |tau|              eq. (17) of the paper
 
 a, e and cond are minimised in logarithms, e and cond by a power mean of the eigenvalues, which is
 smooth where eigenvalues cross.
@@ -150,7 +150,7 @@ def largest_sigma(R: FloatArray, scale: Scale) -> float:
 
 
 def _power_mean(values: FloatArray) -> tuple[float, FloatArray]:
-    """Return log (sum values^k)^(1/k) and its derivative by the values."""
+    """Return log (sum values^k)^(1/k), k = `POWER`, and the derivative by the values."""
     peak = values.max()
     powers = (values / peak) ** POWER
     total = powers.sum()

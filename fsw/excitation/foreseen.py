@@ -44,7 +44,7 @@ def block_root(subject: Subject, blocks: Sequence[Block]) -> FloatArray:
 def whole_problem(subject: Subject) -> tuple[Problem, FloatArray]:
     """Return the estimation problem with all states of the configuration, and its prior covariance.
 
-    The covariance's block of the unknown bodies is the subject's.
+    The covariance of the unknown bodies is that of the subject.
     """
     problem = build_problem(subject.config, subject.model)
     covariance, p = problem.prior_covariance.copy(), len(subject.x)

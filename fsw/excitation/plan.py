@@ -120,7 +120,7 @@ class Planner:
             return pool.map(_inherited, starts, chunksize=1)
 
     def one_start(self, start: int, guess: FloatArray | None) -> MotionPlan | list[Use]:
-        """Return the plan of one start, or the limits of its nearest motion if none passes."""
+        """Return the plan of one start; if no motion passes, the limits of the nearest one."""
         seed, count = self.request.seed, self.request.starts
         self.report(f"start {start + 1} of {count}")
         rng = np.random.default_rng([seed, start] if start else seed)
@@ -128,7 +128,7 @@ class Planner:
         name = self.request.criterion
         if count == 1 or isinstance(found, list) or name in criteria.REGRESSOR_CRITERIA:
             return found
-        whole = replace(found.trajectory, firings=self.limits.firings)  # compare by all states
+        whole = replace(found.trajectory, firings=self.limits.firings)  # value by all states
         root = foreseen_root(self.subject, whole)
         return replace(found, value=criteria.fused(name, root, self.subject.scale).value)
 
@@ -185,7 +185,7 @@ class Planner:
         )
 
     def _one(self, z: FloatArray) -> MotionPlan | list[Use]:
-        """Optimise from one start; return the plan, or the limits of the nearest motion."""
+        """Optimise from one start; return the plan, or the limits of the nearest motion found."""
         in_set: list[int] = [0]
         uses = self.check(z)
         best = self._passed(z, uses, 0, 0) if uses[0].excess <= -SHARE_MARGIN else None

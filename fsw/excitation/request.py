@@ -73,7 +73,7 @@ class MotionPlan:
 
 
 def shown(name: criteria.Name, value: float) -> float:
-    """Return the criterion of a minimised value, which is its logarithm except for gamma."""
+    """Return the criterion from the minimised value: its exponential, except for gamma."""
     return value if name == "gamma" else float(np.exp(value))
 
 

@@ -1,4 +1,4 @@
-"""How far panels and liquid swing under a motion: a mode's response to the base's acceleration.
+"""The swing of panels and liquid under a motion: a mode's response to the base's acceleration.
 
 A mode has inertia M about its axis u and, with the base held, natural frequency f [rad/s] and
 damping ratio z. The motion of the base drives it (acceleration a of the base's origin, wd, w; c is

@@ -47,7 +47,7 @@ class Trajectory:
         return int(self.points_rad.shape[1])
 
     def evaluate(self, t_s: FloatArray) -> list[FloatArray]:
-        """Return q, qd, qdd, qddd at times (m,), each (m, n) [rad, s]."""
+        """Return q, qd, qdd, qddd at times (m,), each (m, n) [rad or m, s]."""
         W = basis(self.duration_s, len(self.points_rad), tuple(t_s.tolist()))
         return [W[d] @ self.points_rad for d in range(DERIVATIVES)]
 
@@ -93,7 +93,7 @@ class SplineLayout:
         return E
 
     def weights(self, t_s: FloatArray) -> FloatArray:
-        """Return (4, m, rows): derivative d of the motion at times (m,) is weights[d] @ z."""
+        """Return weights (4, m, rows): weights[d] @ z is derivative d of q at times (m,)."""
         weights: FloatArray = basis(self.duration_s, self.points, tuple(t_s.tolist()))
         return np.asarray(weights @ self.selection())
 

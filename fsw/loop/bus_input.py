@@ -1,8 +1,8 @@
-"""A CAN bus as an input of the loop: SYNC out, frames in, handed over in batches.
+"""A CAN bus as an input of the loop: it sends SYNC, reads frames and hands them over in batches.
 
-Every tick drains the ports. In a batch, the frames of a bus stand in the order of the wire, with
-the frames that this computer sent (SYNC) at their place, and stamps never decrease. The recording
-and the estimation get the same order.
+Every tick drains the ports. A batch has the frames of a bus in the order of the wire, including the
+frames that this computer sent (such as SYNC), and stamps never decrease. The recording and the
+estimation get the same order.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -56,12 +56,12 @@ class Selector(Protocol):
         ...
 
     def poll(self, now_ns: int, up: tuple[bool, bool]) -> str:
-        """Switch buses if due; return the reason, else "". `up`: which buses have an open port."""
+        """Switch buses if due; return the reason, or "". `up`: whether each bus has its port."""
         ...
 
 
 class BusInput:
-    """One CAN bus, or a redundant pair of which one is active: SYNC and NMT out, frames in."""
+    """Sends SYNC and NMT on one CAN bus or the active bus of a redundant pair; reads its frames."""
 
     def __init__(
         self,
@@ -189,7 +189,7 @@ class BusInput:
         self._taken = joined([read() for read in unread])
 
     def order(self) -> None:
-        """Merge the frames read and sent of the batch in the order of the wire."""
+        """Merge the read and the sent frames of the batch in the order of the wire."""
         self._ordered = self._in_order(self._taken)
         self._taken_sent = []
 

@@ -92,7 +92,7 @@ class Inputs:
             line.hand_over(self._sink)
 
     def take_held_ns(self) -> int:
-        """Return the time that the kernel held the loop in long sends since the last call [ns]."""
+        """Return the total time of sends that took far too long since the last call [ns]."""
         return sum(bus.take_held_ns() for bus in self.buses)
 
     def lost(self) -> tuple[str, ...]:

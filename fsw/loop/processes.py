@@ -26,7 +26,7 @@ from fsw.messages.commands import Code, Command, Reply
 from fsw.messages.errors import MEMORY_EXIT, PortError
 
 LOCK_NAME = "loop.lock"
-LOCK_WAIT_NS = 1_000_000_000  # for the kernel to finish the end of a killed loop
+LOCK_WAIT_NS = 1_000_000_000  # for the kernel to release the lock of a killed loop
 LOCK_POLL_NS = 20_000_000
 MOST_RESTARTS = 5  # within RESTARTS_NS
 RESTARTS_NS = 60_000_000_000
@@ -112,7 +112,7 @@ class Child:
         return now_ns - self._consumed_ns < STALL_NS
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait for the end of the process; return False if it is still running after that time."""
+        """Wait for the end of the process; return False if it still runs after `timeout_s` [s]."""
         try:
             self._process.wait(timeout_s)
         except subprocess.TimeoutExpired:

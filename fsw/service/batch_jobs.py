@@ -84,7 +84,7 @@ class BatchJobs:
         return command
 
     def poll(self) -> list[JobReport]:
-        """Return the worker's new reports; its end without a result is reported as a failure."""
+        """Return the worker's new reports; add a failure if the worker ended without a result."""
         process = self._process
         if process is None or process.stdout is None:
             return []

@@ -100,7 +100,7 @@ class BlockWriter:
             path.unlink(missing_ok=True)
 
     def append(self, block: Block) -> None:
-        """Store a block, over the oldest if full. Raises OSError; BlockStoreError: does not fit."""
+        """Store a block; a full store loses its oldest one. Raises OSError or BlockStoreError."""
         if self._rows is None:
             self._rows = self._create(block)
         row = self._rows[self.count % self._capacity]

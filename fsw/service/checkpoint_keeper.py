@@ -55,7 +55,7 @@ class CheckpointKeeper:
         return data
 
     def write(self, snapshot: Snapshot) -> None:
-        """Write a state with its blocks; one whose blocks were lost is left out."""
+        """Write a state with its blocks; if blocks of the state were lost, write nothing."""
         if self._store is None:
             return
         wanted = snapshot.refers
@@ -79,7 +79,7 @@ class CheckpointKeeper:
         return [index for index in wanted if index not in self._blocks]
 
     def _take_back(self, store: CheckpointStore, grid_ns: int | None) -> None:
-        """Read blocks from the checkpoint of a service of the same loop that has died.
+        """Read the missing blocks from the checkpoints of a crashed service of the same loop.
 
         Only on the same grid does an index mean the same block.
         """

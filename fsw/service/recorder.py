@@ -52,7 +52,7 @@ def open_recording(
     part : content of the metadata record `part`
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_suffix(".tmp")  # so a file of the final name has its attachments
+    temporary = path.with_suffix(".tmp")  # a file with the final name has its attachments
     writer = RecordingWriter(temporary, config.recorder.compression, config.recorder.chunk_bytes)
     values = config.model_dump(mode="json")
     values["robot"]["urdf"] = ROBOT
@@ -262,7 +262,7 @@ class RecorderSink:
             writer.abandon()
             text = f"{writer.path}: {error.strerror or error}"
             self._report("high", failure_code(error), text)
-        except ZstdError as error:  # data cannot cause this: memory ran out
+        except ZstdError as error:  # no data can cause this: memory is short
             raise MemoryError(str(error)) from error
 
 

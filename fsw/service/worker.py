@@ -106,7 +106,7 @@ def _planned(config: Config, request: PlanRequest, progress: Progress) -> Mappin
     def report(text: str) -> None:
         nonlocal seen
         seen += 1
-        ratio = 0.5 * seen / asked.evaluations  # from the wide prior first
+        ratio = 0.5 * seen / asked.evaluations  # half: the wide prior is planned first
         progress(min(ratio, 0.99), text)
 
     subject = build_subject(config, after=request.posterior, seed=asked.seed)

@@ -56,7 +56,7 @@ class BusChannel:
         return next((int(t_ns[0]) for t_ns in syncs if t_ns.size), None)
 
     def decoded(self) -> Iterator[tuple[Samples, bool]]:
-        """Decode all that waits; yield samples, and whether they are checked for stuck values."""
+        """Decode the waiting items; yield samples and whether to check them for stuck values."""
         waiting, self._waiting = self._waiting, []
         if not waiting:
             return
@@ -124,7 +124,7 @@ class LineChannel:
         return self._waiting[0].t_ns if self._waiting and self._starts else None
 
     def decoded(self) -> Iterator[tuple[Samples, bool]]:
-        """Decode all that waits; yield samples, and whether they are checked for stuck values."""
+        """Decode the waiting items; yield samples and whether to check them for stuck values."""
         waiting, self._waiting = self._waiting, []
         if waiting:
             yield self.source.feed(waiting), not self._is_sampled

@@ -47,7 +47,7 @@ class Reporting(Protocol):
     """An estimator that can diagnose its estimate."""
 
     def report(self) -> Mapping[str, Any]:
-        """Return the diagnosis as plain values. Raises EstimatorError: no valid covariance."""
+        """Return the diagnosis as plain values, or raise EstimatorError (no valid covariance)."""
         ...
 
 

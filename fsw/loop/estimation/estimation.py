@@ -253,7 +253,7 @@ class Estimation(NullSink):
             for words in channel.events():
                 self._report(*words)
             health.take(channel.findings(), now_ns)
-        # estimator first: a misfit to the model explains a misfit to the fit of a window
+        # estimator first: its finding about a sensor explains the conditioner's finding
         for part in (self._pipeline.estimator, self._pipeline.conditioner):
             if isinstance(part, Finder):
                 health.take(part.findings(), now_ns)
