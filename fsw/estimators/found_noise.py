@@ -95,7 +95,7 @@ def gapped_products(residuals: FloatArray, place: NDArray[np.int64]) -> FloatArr
 
 
 def found_noise(products: FloatArray, windows: int, samples: int, nodes: int) -> Found | None:
-    """Return the variances of the white and the fading part and the index of its time.
+    """Return the variances of the white and fading part, and the index of the correlation time.
 
     None: the products agree with white noise.
 

@@ -4,8 +4,8 @@ A wheel may report less often than once a window, so no polynomial is fitted (ex
 without joints, see `WheelMotion.along`). The torque on the rotor is modelled as a random walk of
 known density. Momentum and torque at the nodes are estimated from the samples of this window and
 the newest before it, as a Gaussian process: the optimal smoother of that random walk. The
-covariance includes the uncertainty between slow samples and after the last one. Source: Rasmussen
-and Williams, Gaussian Processes for Machine Learning (2006), sec. 2.2 and 5.4.2.
+covariance includes the uncertainty between slow samples and after the last one. Source: Rasmussen,
+Williams, Gaussian Processes for Machine Learning (2006), sec. 2.2, 5.4.2 (leave-one-out residuals).
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class _Samples:
         return _Samples(*(column[keep] for column in columns))
 
     def sides_s(self) -> tuple[FloatArray, ...]:
-        """Return one or two arrays of instants; every sample is a mean over these arrays."""
+        """Return one or two arrays of instants; each sample is the mean at its instants."""
         return (
             (self.t_s - self.apart_s, self.t_s + self.apart_s)
             if self.apart_s.any()
@@ -91,7 +91,7 @@ class WheelMotion:
         return self._estimated(t_ns)
 
     def along(self, channel: ChannelWindow, instants: Instants) -> Turn | None:
-        """Return the wheel at a window's nodes by the polynomial fit that the gyro has there.
+        """Return the wheel at the nodes of a window by the same polynomial fit as the gyro's.
 
         The fit smooths a motor's switching and the body's answer alike, so the two cancel in their
         balance; therefore no sample is removed as an outlier. None: too few samples.

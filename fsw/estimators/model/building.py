@@ -175,10 +175,10 @@ def _steps(names: Sequence[str], walks: Walks | None) -> tuple[list[str], list[f
 def build_problem(
     config: Config, model: RobotModel, *, exact: bool = False, blocks: Sequence[Block] = ()
 ) -> Problem:
-    """Lay out the state and its prior for one configuration.
+    """Return the problem of one configuration: layout and prior of the state.
 
     `exact`: known bodies, zeros of the joints and the inertial unit's mounting are as configured.
-    `blocks`: the random walks of integrated angles cover these; for none of them, see `walks_of`.
+    `blocks`: the random walks of integrated angles cover these blocks; if empty, see `walks_of`.
 
     Raises
     ------

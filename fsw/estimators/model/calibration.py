@@ -46,7 +46,7 @@ def spread_root(pi: FloatArray, ratio: float) -> FloatArray:
 def known_bodies(
     config: Config, model: RobotModel, unknown: tuple[str, ...], held: Mapping[str, Hold]
 ) -> Iterator[tuple[str, FloatArray]]:
-    """Yield name and `spread_root` within pi (10 (n + 1), k) of every uncertain known body."""
+    """Yield name and root, within pi (10 (n + 1), k), of every known body that is uncertain."""
     ratio, size = config.robot.links_sigma_ratio, model.pi_links.size
     joints = {joint.name: joint for joint in config.joints}
     for index, name in enumerate(("base", *model.joint_names)):

@@ -124,8 +124,8 @@ def _parameters_of_pseudo_inertia() -> FloatArray:
 def frame_changes(X_AB: FloatArray) -> FloatArray:
     """Return T (k, 10, 10) with pi_A = T pi_B for homogeneous transforms X_AB (k, 4, 4).
 
-    The pseudo-inertia transforms as X P X^T, its rows one after the other by the Kronecker product
-    of X with itself. Source: Wensing et al. (2018), sec. II.
+    The pseudo-inertia transforms as X P X^T. On the 16 elements of P, row by row, this is the
+    Kronecker product of X with itself. Source: Wensing et al. (2018), sec. II.
     """
     X_X = (X_AB[:, :, None, :, None] * X_AB[:, None, :, None, :]).reshape(-1, 16, 16)
     basis = parameter_basis().reshape(PARAMETERS, 16).T

@@ -1,18 +1,18 @@
 """Covariance of a weakly known base (sigma of tens of per cent), by way of its mobility.
 
-The arm feels a free base, and the base gives way, by its inverse inertia times a force. The
-likelihood of torque or rate is therefore linear in the ten mobility coordinates [1/m, centre of
-mass, inverse central inertia] and nonlinear in pi: there, a sigma of a tenth of the mass already
-doubles the squared normalised error. So the Gaussian is assumed in the base's mobility and in the
-other states as they are, and its covariance in pi is published. (The second moment about the
-estimate is larger by the squared shift of the mean; it makes normalised errors 4 % too small.)
+A free base reacts to a force, and loads the arm, by its inverse inertia. The likelihood of torque
+or rate is therefore nearly Gaussian in the ten mobility coordinates [1/m, centre of mass, inverse
+central inertia], and not in pi: there, a sigma of a tenth of the mass already doubles the squared
+normalised error. So the Gaussian is assumed in the base's mobility, and in the other states as they
+are, and its covariance in pi is published. (The second moment about the estimate is larger by the
+squared shift of the mean; it makes squared normalised errors 4 % too small.)
 
 Source: the elimination of the base acceleration, paper eqs. (22)-(23); covariance of a mapped
 Gaussian as in Julier, Uhlmann, Proc. IEEE 92 (2004), here from many fixed draws. Only the base's
 ten states are drawn: given these, the others are linear, and their share is in closed form.
 
 Where the force of thrusters is a state too, the Gaussian in pi is left as it is: mass and moments
-are then proportional to the scale of that force, and the problem is linear in pi.
+are then proportional to the scale of that force, and the likelihood is Gaussian in pi.
 """
 
 from dataclasses import dataclass
@@ -27,10 +27,10 @@ from fsw.estimators.model.problem import Problem, present
 from fsw.messages import FloatArray
 
 DRAWS = 2000  # covariances within 3 % where the mapping is nonlinear, exact where it is linear
-STRAIGHT = 1.05  # largest ratio of variances at which pi itself is linear enough
+STRAIGHT = 1.05  # largest ratio of variances at which the covariance in pi is kept
 LOPSIDED = 1.25  # ratio of the longer side's sigma to sigma, above which it is published
 IMPOSSIBLE = 0.01  # share of impossible draws above which the mapping is not used
-TORQUE = ("mrnea", "rda", "fused")  # methods whose likelihood may be linear in the base's mobility
+TORQUE = ("mrnea", "rda", "fused")  # methods whose likelihood may be Gaussian in the mobility
 NOTE = "not Gaussian in the base's parameters; sigma mapped from its mobility"
 
 _INDEX = ((0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2))  # xx xy xz yy yz zz
@@ -60,7 +60,7 @@ class Mapped:
 
 
 def is_bent(problem: Problem, method: str) -> bool:
-    """Return whether the likelihood of a method is nonlinear in pi and linear in the mobility."""
+    """Return whether a method's likelihood is Gaussian in the base's mobility instead of in pi."""
     torque = method in TORQUE and "base" in problem.unknown
     return torque and not present(problem.thrust_scale)
 

@@ -2,9 +2,9 @@
 
 A panel turns about its hinge; liquid slides along one to three axes. Both hang on the base. The
 base's own inertial data include the modes at rest. In the released robot every mode is a body of
-its own, and the base has only the rigid rest. The states of a mode are s (relative error of its
-mass and modal inertia), f and d (logarithms of the factors on frequency and damping ratio). With M
-the mass of liquid or a panel's inertia about its hinge, w and zeta as configured:
+its own, and the base has its own data less those of the modes. The states of a mode are s (relative
+error of its mass and modal inertia), f and d (logarithms of the factors on frequency and damping
+ratio). With M the mass of liquid or a panel's inertia about its hinge, w and zeta as configured:
 
     stiffness  K = M (1 + s) w^2 e^(2 f)        damping  C = 2 zeta e^d w e^f M (1 + s)
 """

@@ -12,7 +12,7 @@ from fsw.messages import Block, FloatArray
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CircularOrbit:
-    """Unit position and along-track vectors at the epoch, in inertial axes.
+    """A circular orbit by its unit position and along-track vectors at the epoch, in inertial axes.
 
     `gradient_1_s2` is mu/R^3. Source: paper eq. (26), as a field acting on every mass element.
     """

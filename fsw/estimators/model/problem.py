@@ -108,7 +108,7 @@ class Problem:
     joint_zero: slice  # true angle less the measured one [rad]
     imu_place: slice  # true place less p_BS_m [m]
     imu_angle: slice  # rotation vector, B axes, from the configured attitude to the true one [rad]
-    gyro_scale: slice  # true rate along each axis of the unit, over what the gyro reads, less 1
+    gyro_scale: slice  # true rate over the gyro's reading along each axis of the unit, less 1
     gyro_axes: slice  # angles by which axes xy, xz, yz of the gyro lean to one another [rad]
     friction_coulomb: slice  # of each joint, as its torque sensor measures it [N m]
     friction_viscous: slice  # [N m s/rad]
@@ -119,7 +119,7 @@ class Problem:
     thrust_delay: slice  # true delay less the configured one [s]
     thrust_rise: slice  # true rise time less the configured one [s]
     thrusters: Thrusters
-    friction_speed_rad_s: FloatArray  # (n,) rate at which Coulomb friction reaches tanh(1)
+    friction_speed_rad_s: FloatArray  # (n,) rate at which Coulomb friction is tanh(1) of its size
     target_wrench: slice  # as `wrench`, at the target's centre of mass; then a force in axes E [N]
     target_com_m: FloatArray  # (3,) in E: where `target_wrench` acts on a known target
     p_BS_m: FloatArray  # (3,) place of the accelerometer, as configured
@@ -129,7 +129,7 @@ class Problem:
     nodes: int  # number in a block
     noise_declared: FloatArray  # (n + 2,) 1 sigma of a sample: torques, gyro, accelerometer
     noise_samples: NDArray[np.int64]  # (n + 2,) number of samples in a window, of the same sensors
-    torque_model_nm2: FloatArray  # (n, m, m) covariance of what the model leaves out, at the nodes
+    torque_model_nm2: FloatArray  # (n, m, m) covariance at nodes of torques outside the model
     wrench_sigma: FloatArray  # (6,) 1 sigma of the unmodelled external wrench, per node
     freedom: FloatArray  # (6, k) motions [v_b, w_b] that are free, orthonormal
     support_m_s2: FloatArray  # (3,) acceleration by which a support keeps the base from falling
@@ -140,7 +140,7 @@ class Problem:
     )  # relative error of the inertia of each of the base's modes
     mode_frequency: slice = field(
         default_factory=no_states
-    )  # logarithm of the factor on the configured one
+    )  # logarithm of the factor on the configured frequency
     mode_damping: slice = field(default_factory=no_states)
     mode_start: slice = field(
         default_factory=no_states

@@ -1,7 +1,7 @@
 """The free-floating robot model, a tree of joints: one typed wrapper over Pinocchio.
 
-Joints are revolute or prismatic. Of a prismatic one, position, rate and torque are in m, m/s and N
-wherever a name says rad, rad/s and N m.
+Joints are revolute or prismatic. For a prismatic joint, position, rate and torque are in m, m/s and
+N wherever a name says rad, rad/s and N m.
 
 The base is a free-flyer joint without gravity. The generalised velocity nu = [v_b, w_b, qd] and the
 acceleration are spatial, in base axes. With v_b = 0, spatial and classical acceleration coincide.
@@ -173,7 +173,7 @@ class RobotModel:
         return pi
 
     def set_parameters(self, pi: FloatArray) -> None:
-        """Set the inertias that all functions but the regressors use to `pi` (10 (n + 1),)."""
+        """Set the inertias to `pi` (10 (n + 1),), for all functions except the regressors."""
         if np.array_equal(pi, self._set):
             return
         for index in range(1, self.model.njoints):

@@ -50,7 +50,7 @@ class Walks:
         return np.asarray(bridges + beyond, np.float64)
 
     def moved(self, steps_rad: FloatArray, walk_rad2: FloatArray) -> FloatArray:
-        """Return the walks (B, n) [rad] of angles with steps (k K,) at walk variances (B, n)."""
+        """Return the walk of angles (B, n) [rad] by its steps (k K,), at walk variances (B, n)."""
         by = np.zeros_like(walk_rad2)
         by[:, self.joints] = np.einsum(
             "bkj,kj->bk", self.shares(walk_rad2), steps_rad.reshape(self.steps_rad2.shape)
@@ -59,9 +59,9 @@ class Walks:
 
 
 def walks_of(config: Config, order: Sequence[int], blocks: Sequence[Block] = ()) -> Walks | None:
-    """Return the knots over blocks or, without any, over as many windows as the store holds.
+    """Return the knots over blocks, or else over as many windows as the store holds.
 
-    None: no encoder gives speed only. Over blocks, steps are as long in time, MOST_STEPS at most.
+    None: every encoder gives angles. Steps over blocks last as long, but are at most MOST_STEPS.
     """
     joints = [config.joints[k] for k in order]
     own = np.array([k for k, joint in enumerate(joints) if joint.speed_only], np.intp)
