@@ -21,8 +21,8 @@ STILL_PROBABILITY = 1e-6  # of calling a joint at rest a moving one, per window
 ANGLE_NOISE_RAD = 1e-5  # of a sample; above it a block has the covariance of angles too
 SPIKE_RATIO = 0.05  # of a window's samples; more outliers mean that the channel is not to be used
 MIN_SPIKES = 3
-SURPLUS_RATIO = 0.01  # of its samples: with more in surplus, a window does not count for the noise
-LACKING_RATIO = 0.25  # the same for missing samples
+SURPLUS_RATIO = 0.01  # share of surplus samples above which a window does not count for the noise
+LACKING_RATIO = 0.25  # share of missing samples, likewise
 MOTION = (0, 1, 2)  # derivatives of a joint's position
 OF_SPEED = (-1, 0, 1)  # the same derivatives, counted from its speed
 SPEED_EXTRA_DEGREE = 1  # of a speed's polynomial over a torque's: its first derivative is used
@@ -175,7 +175,7 @@ class ArmConditioner:
             white = fit.whitener((1, 2)) @ motion[m:, own]
             limits = sigmas[own] ** 2 * chdtri(len(white), STILL_PROBABILITY)
             resting = own[np.sum(white**2, axis=0) <= limits]
-            motion[m:, resting] = 0.0  # see STILL_PROBABILITY
+            motion[m:, resting] = 0.0  # a joint at rest has no rate and acceleration
         tau, cov_tau = np.zeros((m, n)), np.empty((n, m, m))
         for k, torque in enumerate(torques):
             if torque.fit is not None:

@@ -1,7 +1,7 @@
 """Noise that fades exponentially, and its covariance at the nodes of a window.
 
 The noise is a first-order autoregression (Box, Jenkins, Time Series Analysis, 1976, sec. 3.2). The
-polynomial fit of a window takes it from the samples to the nodes.
+polynomial fit of a window maps it from the samples to the nodes.
 """
 
 from functools import lru_cache

@@ -39,7 +39,7 @@ def parameter_verdicts(body: BodyEstimate, prior_sigma: FloatArray, reason: str)
 def predicted_verdicts(
     mass_kg: float, inertia_kg_m2: FloatArray, sigma: FloatArray, prior_sigma: FloatArray
 ) -> Words:
-    """Return these words for given sigmas (10,) of a body; its inertia is xx xy xz yy yz zz."""
+    """Return `parameter_verdicts` for given sigmas (10,); the inertia is xx xy xz yy yz zz."""
     moment = float(np.mean(np.abs(inertia_kg_m2[[0, 3, 5]])))
     radius = float(np.sqrt(moment / max(abs(mass_kg), 1e-300)))
     size = np.repeat([abs(mass_kg), radius, moment], [1, 3, 6])

@@ -2,9 +2,9 @@
 
 The torque of a block is the polynomial of its window, and friction at a reversal is no polynomial.
 So its shape tanh(qd / v) goes through the same fit: the nodes' polynomial gives qd between the
-nodes, and the window's least-squares polynomial of the shape is evaluated at the nodes. Below some
-v it is not known how friction reverses, or holds a joint at rest; the same fit of 1 - tanh^2 shows
-how much of a window is concerned.
+nodes, and the window's least-squares polynomial of the shape is evaluated at the nodes. At low
+rates it is not known how friction reverses, or whether it holds a joint at rest. The same fit of 1
+- tanh^2 shows how much of a window is concerned.
 """
 
 from functools import lru_cache

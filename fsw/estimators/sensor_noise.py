@@ -3,9 +3,9 @@
 A window's polynomial holds the motion; its residuals are noise. Their mean products, some samples
 apart, show whether neighbouring samples are correlated. The noise of a channel is modelled as a
 white part and one that fades exponentially, an autoregression of first order (Box, Jenkins, Time
-Series Analysis, 1976, sec. 3.2). One sensor alone shows its fading badly, and a fading that is
-found too slow does more harm than one too fast. So torque sensors share one fading, unless their
-own samples contradict it, and keep their sizes. The covariance at the nodes includes that with the
+Series Analysis, 1976, sec. 3.2). The fading found from one sensor alone is uncertain, and too slow
+a fading does more harm than too fast a one. So torque sensors share one fading, unless their own
+samples contradict it, and keep their sizes. The covariance at the nodes includes that with the
 nodes of neighbouring windows, so that a slowly changing quantity gets the information that all
 windows together hold (the long-run variance). White noise keeps exactly the declared covariance.
 

@@ -32,7 +32,7 @@ OPEN_NOTE = "not bounded by the data along {}"
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Widening:
-    """Result of the profile; `note` is empty if the linearisation holds on bounded sides."""
+    """Result of the profile; empty `note`: the linearisation holds and the sides are bounded."""
 
     covariance: FloatArray
     bounded: bool
@@ -40,7 +40,7 @@ class Widening:
 
     @property
     def nonlinear(self) -> bool:
-        """Return whether there is a note."""
+        """Return whether the linearisation fails or a side is not bounded."""
         return bool(self.note)
 
 

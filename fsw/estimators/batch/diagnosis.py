@@ -1,4 +1,4 @@
-"""Diagnosis of a batch estimate: covariance against the bound of all sensors, residuals, words."""
+"""Diagnosis of a batch estimate against the bound of all sensors, with residuals and verdicts."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any

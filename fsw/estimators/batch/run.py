@@ -292,7 +292,7 @@ def _warm_start(
 ) -> FloatArray:
     """Return the result of the linear method as a start; for RDA from some of the blocks.
 
-    For CE all blocks are used: its likelihood is curved, and a better start ends a little nearer.
+    For CE, whose likelihood is curved, all blocks are used, so that it ends nearer to the minimum.
     """
     some = blocks[:: max(1, len(blocks) // WARM_BLOCKS)] if method == "rda" else blocks
     near = minimise(problem, Target(Linearisation(row_function("mrnea", "eiv", problem), some)))

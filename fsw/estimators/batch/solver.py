@@ -270,7 +270,7 @@ def linear_covariance(
 ) -> tuple[FloatArray, str]:
     """Return the covariance by the linearisation at the solution, and a note on it (may be empty).
 
-    For torque and an unknown base it is mapped from the base's mobility (see `is_bent`).
+    For torque methods and an unknown base it is mapped from the base's mobility (see `is_bent`).
     """
     covariance = solution.information.covariance()
     if weighting == "eiv" and is_bent(problem, method):

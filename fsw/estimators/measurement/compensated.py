@@ -59,7 +59,7 @@ def no_sums(p: int) -> CompensatedSums:
 def acceleration_root(block: Block, problem: Problem) -> FloatArray:
     """Return K (m, 6+n, f): errors of [a_b, wd, qdd] at the nodes per unit-variance error.
 
-    The errors are those of accelerometer and gyro derivative per axis (a_b = f - wd x r), of qdd.
+    The f errors are of accelerometer and gyro derivative per axis (a_b = f - wd x r), then of qdd.
     """
     m, n = block.q_rad.shape
     acc = covariance_root(block.cov_acc)
@@ -198,7 +198,7 @@ def _nuisance_columns(
 def _weight_covariance(K: FloatArray, H: FloatArray) -> FloatArray:
     """Return the rows' covariance for uncorrelated nodes; H (m, a, r) by acceleration and row.
 
-    Otherwise the weights trust combinations of rows that are noise-free only at wrong parameters.
+    With correlation, combinations that are noise-free only at wrong parameters would have weight.
     """
     m, _, rows = H.shape
     S = np.zeros((m, rows, m, rows))

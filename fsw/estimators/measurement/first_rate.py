@@ -1,7 +1,7 @@
 """The angular momentum that a measured rate shows, as the first point of linearisation.
 
 Torque and specific force are quadratic in the base's rate. Linearised at rest they do not depend on
-it, and its effects count as errors of bodies and sensors. A captured object tumbles.
+it, and effects of a tumbling captured object would count as errors of bodies and sensors.
 """
 
 import numpy as np

@@ -73,7 +73,7 @@ class _Fused(RowsFunction):
         self._problem, self._channels, self._rate = problem, channels, rate
 
     def stacked(self, s: BlockStack, x: FloatArray, before: Impulse | None = None) -> list[Rows]:
-        """Return the rows; a method without a rate of its own uses the gyro's if there is one.
+        """Return the rows; if the method sets no rate, the gyro's is used where there is one.
 
         An estimated momentum is constant in inertial axes, and the thrusters' impulses are summed
         in these axes. A block without attitude therefore shows nothing of the momentum; its torque

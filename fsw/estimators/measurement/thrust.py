@@ -23,7 +23,7 @@ from numpy.polynomial import legendre
 from fsw.estimators.model.problem import Problem, present
 from fsw.messages import Block, FloatArray
 
-LEAST_RISE_RATIO = 0.1  # of the configured rise time: least one, at states far from their prior
+LEAST_RISE_RATIO = 0.1  # least rise time over the configured one, at states far from their prior
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -20,7 +20,7 @@ from fsw.messages import FloatArray, IntArray
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Epoch:
-    """Prior of an epoch, and the information of the data before it, at its beginning."""
+    """Prior of an epoch at its start, and the information of all data before it."""
 
     mean: FloatArray  # (p,)
     covariance: FloatArray  # (p, p)
@@ -74,8 +74,8 @@ def next_momentum(
 ) -> Epoch:
     """Return the epoch in which the momentum has another value, about momentum_Nms (3,), in N.
 
-    The prior's variance is the declared one plus the squared change. The rows use a rate again that
-    the momentum was found from; with this variance its double use has next to no weight.
+    The prior's variance is the declared one plus the squared change. The rows use the rate again
+    from which the momentum was found; with so large a variance this has almost no effect.
 
     Parameters
     ----------

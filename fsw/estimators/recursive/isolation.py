@@ -3,7 +3,7 @@
 A sensor's error shows in its own channel only, because no other channel's prediction uses this
 sensor. A change of the bodies, or of the arm's motion as measured, shows in many channels. So a
 single channel that noise and the estimate's covariance do not explain is left out until it has
-fitted again for some blocks. Several channels that fail anew are left to the change detection.
+fitted again for some blocks. Several that newly fail in one block are left to change detection.
 """
 
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ class ChannelScreen:
     def __init__(self, joints: Sequence[str], false_alarm: float) -> None:
         self._joints = tuple(joints)
         self._false_alarm = false_alarm
-        self._out: dict[int, int] = {}  # channel: good blocks in a row
+        self._out: dict[int, int] = {}  # channel: number of good blocks in a row
         self._found: list[Finding] = []
 
     def take(self) -> list[Finding]:
@@ -73,7 +73,7 @@ class ChannelScreen:
     ) -> dict[int, float]:
         """Return each used channel's normalised innovation squared over its limit.
 
-        The parameters are those of `judge`. Rows that do not name their channels give no ratio.
+        The parameters are those of `judge`. Rows without `root` or `use` give no ratio.
         """
         if rows.root is None or rows.use is None:
             return {}

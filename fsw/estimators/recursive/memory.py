@@ -63,7 +63,7 @@ class Memory:
     Attributes
     ----------
     prior : information without data
-    data : information of the data alone, singular until there is enough
+    data : information of the data alone, singular until there are enough data
     information : of both
     at : (p,) point of the running or last pass, or of the last one found not worth its time
     passes : passes completed

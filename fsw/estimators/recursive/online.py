@@ -157,7 +157,7 @@ class OnlineEstimator:
         return self.recursion.take_events()
 
     def findings(self) -> list[Finding]:
-        """Return and discard the sensors that were found not to fit the model."""
+        """Return and discard the findings on sensors that do not fit the model."""
         return self.recursion.screen.take()
 
     def report(self) -> dict[str, Any]:
@@ -255,7 +255,7 @@ class OnlineEstimator:
 
     @property
     def _bent(self) -> bool:
-        """Return whether the likelihood is nonlinear in pi and linear in the mobility."""
+        """Return whether the likelihood is Gaussian in the base's mobility instead of in pi."""
         return not self.linear and is_bent(self.problem, self._settings.method)
 
     def _by_mobility(self, covariance: FloatArray) -> FloatArray:

@@ -199,7 +199,7 @@ class OutsideWatch:
         )
 
     def _fit(self, found: _Innovation, S: FloatArray, place: str) -> tuple[float, FloatArray]:
-        """Fit a wrench free at every node; return the squared whitened residual and it (m, 6)."""
+        """Fit a wrench w (m, 6) free at every node; return the squared whitened residual, w."""
         nodes = found.J[:, self._ways[place]].reshape(-1, found.width, WRENCH)
         C = block_diag(*nodes)
         weighted = np.linalg.solve(S, np.column_stack([C, found.r]))

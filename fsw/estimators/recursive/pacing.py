@@ -14,7 +14,7 @@ SETTLED_IN_DOUBT = 0.05  # the same of the bodies alone, where arm and calibrati
 WORTH = 0.01  # expected step of a pass below which the pass is not worth its time
 FAR = 0.5  # whitened rms distance from the last point at which the expected step is not trusted
 LEAST_PULL = 1 / 16
-BACK = 0.5  # cosine between a move of the point and the last one's reverse: above, it leads back
+BACK = 0.5  # cosine between a move and the last one reversed, above which the move leads back
 _STATE = ("settled", "_last_move", "_last_step", "_last_since", "_pull", "_from")
 
 
@@ -59,7 +59,7 @@ class Pacing:
     ) -> FloatArray:
         """Return the next pass's point: not all the way to `wanted` after passes that failed.
 
-        Given the root R of an information: half the way if it leads back, where passes oscillate.
+        With the root R of an information, a move that leads back is halved: passes oscillate there.
         """
         pull = self._pull
         if R is not None:

@@ -25,7 +25,7 @@ _FREE = ("momentum", "wrench", "target_wrench", "friction_coulomb", "friction_vi
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Group:
-    """States that the prior states together; for a body the stated quantities, not the moments."""
+    """States of one statement of the prior; for a body the stated quantities, not the moments."""
 
     name: str
     states: IndexArray
@@ -117,7 +117,7 @@ def _distance(prior: Gaussian, estimate: Gaussian, k: IndexArray) -> tuple[float
 
 
 def _scaled(prior: Gaussian, scale: FloatArray, bodies: range) -> FloatArray:
-    """Return the covariance with sigmas times the scale; for bodies those of stated quantities."""
+    """Return the covariance with scaled sigmas; for bodies the sigmas of stated quantities."""
     mean, covariance = prior
     A = np.diag(scale)
     for start in bodies:

@@ -59,13 +59,13 @@ class Recursion:
     memory : prior, data information and stored blocks
     monitor : judge of the innovations
     pacing : when to re-linearise
-    blocks, since, gated, changes : blocks folded in, since the last start, rejected; re-openings
+    blocks, since : number of blocks folded in, and of those since the last start
+    gated, changes : number of rejected blocks, and of re-openings
     span_ns : times of the first and last node since the last start
     q_rad : (n,) newest joint positions
     armed : whether blocks are gated: from the first valid estimate on
     conflict : whether the data contradicted the prior at the last check
-    screen : judge of single channels
-    trust : judge of the residuals at the last check
+    screen, trust : judge of single channels; judge of the residuals at the last check
     noise : noise of the sensors, learnt from their samples
     used : the newest block, without the channels that were left out
     """
@@ -149,7 +149,7 @@ class Recursion:
         )
 
     def restore(self, values: Values, blocks: Mapping[int, Block]) -> None:
-        """Continue from a snapshot. Raises EstimatorError, unchanged, if a block is missing."""
+        """Continue from a snapshot; raise EstimatorError, unchanged, if a block is missing."""
         prior = to_information(values["memory"]["prior"])
         memory = Memory(prior, self._settings.store_blocks)
         memory.restore(values["memory"], blocks, self._usable_rows)
@@ -294,7 +294,7 @@ class Recursion:
     def residual_variance(self) -> float:
         """Return the residuals' variance over the declared one, for the linear regression.
 
-        It is their sum of squares over rows less states; 1 while there are not more rows.
+        It is their sum of squares over (rows - states); 1 while there are no more rows than states.
         """
         spare = self.memory.rows - len(self.x)
         return self._rss / spare if spare > 0 else 1.0

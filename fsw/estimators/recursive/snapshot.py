@@ -1,7 +1,7 @@
 """States of estimators as plain values, for checkpoints and for restarts from them.
 
 A state is a mapping of numbers, text, None, arrays, lists and further mappings. Its values are
-copies. An object of the same problem that they are put into continues exactly from this state.
+copies. Put into an object of the same problem, they make it continue exactly from this state.
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,8 +1,8 @@
 """Whether the model fits the data so far, and how long it must fit again after it did not.
 
 A model that does not fit re-opens the estimate, as a change of bodies does. Any model fits the
-first few blocks, so the same wrong model would soon be trusted again. If the mismatch had lasted
-before the re-opening, or if the last re-opening was not long ago, the new one must fit for longer.
+first few blocks, so the same wrong model would soon be trusted again. If the mismatch lasted before
+the re-opening, or if the last re-opening was not long ago, the new estimate must fit for longer.
 """
 
 from __future__ import annotations
