@@ -117,10 +117,10 @@ def over_dask(
         ]
         for future in as_completed(futures):
             case = cases[str(future.key).removeprefix("run-")]
-            error = future.exception()
-            died = isinstance(error, KilledWorker)
-            words = _reason() if died else f"{type(error).__name__}: {error}"
-            yield case, future.result() if error is None else lost(case, words)
+            failure = future.exception()
+            died = isinstance(failure, KilledWorker)
+            words = _reason() if died else f"{type(failure).__name__}: {failure}"
+            yield case, future.result() if failure is None else lost(case, words)
 
 
 def _executor(jobs: int, *, single: bool) -> ProcessPoolExecutor:
