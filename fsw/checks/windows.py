@@ -12,7 +12,7 @@ NODES_PER_PERIOD = 4.0  # with fewer, the window's polynomial misses a tenth of 
 
 
 def window_faults(config: Config) -> list[str]:
-    """Return a line for each channel with too few samples in a window, or too many."""
+    """Return the faults of a window: too few or too many samples, or less than a tick."""
     estimator = config.estimator
     position_terms = estimator.nodes + EXTRA_DEGREE
     channels = [

@@ -27,7 +27,7 @@ class SchedulerConfig(Section):
     """Timing of the loop; processors and priorities of loop and estimation."""
 
     tick_rate_hz: Rate
-    batch_s: float = Field(default=0.04, gt=0.0, le=0.05)  # length of a batch of inputs
+    batch_s: float = Field(default=0.033, gt=0.0, le=0.05)  # length of a batch of inputs
     work_budget_s: Duration | None = None  # processor time for a tick; null: the tick's period
     realtime_priority: int = Field(default=50, ge=0, le=99)  # 0: no SCHED_FIFO
     cpu: int | None = Field(default=None, ge=0)

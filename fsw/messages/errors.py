@@ -14,7 +14,7 @@ _BRIEF.maxstring = _BRIEF.maxother = 100
 
 
 def brief(value: object) -> str:
-    """Return the representation of a value, cut to about one line."""
+    """Return the representation of a value, each of its parts cut short."""
     with suppress(ValueError):  # a whole number has too many digits
         return _BRIEF.repr(value)
     return f"a {type(value).__name__} too long to be shown"

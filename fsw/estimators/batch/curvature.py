@@ -54,10 +54,10 @@ def widen(
     profile: Profile,
     weak: float = WEAK,
 ) -> Widening:
-    """Return the covariance (p, p) widened wherever the linearisation at x (p,) fails.
+    """Return the covariance (p, p), widened along weak axes in which x (p,) is not linear enough.
 
-    `cost` is the least squared whitened residual, prior included. The axes are those of the first
-    `bodies` states, marginal over the other states, in units of `prior_covariance`.
+    `cost` is the least squared whitened residual, prior included. At most MAX_AXES axes are judged,
+    of the first `bodies` states, marginal over the others, in units of `prior_covariance`.
     """
     own = covariance[:bodies, :bodies]
     root = np.asarray(np.linalg.cholesky(prior_covariance[:bodies, :bodies]), dtype=np.float64)

@@ -110,7 +110,7 @@ class Endurance:
 
 
 class Tally(Protocol):
-    """Accumulates a batch of the blocks that an estimator gets, apart from the estimator."""
+    """Sums the normal matrix of all rows that an estimator gets, independently of it."""
 
     def before_push(self, block: Block) -> None:
         """Prepare for a block that is about to be pushed."""
