@@ -70,11 +70,12 @@ def config_of(unit: PaperUnit, folder: Path, *, with_wrench: bool) -> Config:
 def _fused(unit: PaperUnit, data: Conditioned, plain: Problem, pulled: Problem) -> dict[str, Any]:
     """Estimate from all channels: bodies, joint motion and, with disturbances, a constant wrench.
 
-    The iteration starts at the estimate for an exact motion.
+    The iteration starts at the estimate for an exact motion, or at the prior if there is none.
     """
     near = solve(plain, row_function("fused", "eiv", plain), data.blocks)
     start = pulled.prior_mean.copy()
-    start[pulled.bodies] = near.mean[plain.bodies]
+    if near.status == "OK":
+        start[pulled.bodies] = near.mean[plain.bodies]
     solution = solve_with_motion(pulled, data.blocks, data.curve, start)
     k, bound = pulled.bodies, solution.information.covariance()
     covariance, _ = linear_covariance(pulled, "fused", "eiv", solution)
