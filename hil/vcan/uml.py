@@ -43,6 +43,10 @@ LOG_CHARACTERS = 500
 PRIORITY = 10  # of SCHED_FIFO: above ordinary processes, below urgent ones
 GUEST_TMPDIR = "/dev/shm"  # the host's file system cannot hold a socket
 SYSTEM_PATH = "/usr/sbin:/usr/bin:/sbin:/bin"
+REGISTERS = (
+    "this processor has larger vector registers than Debian's User-Mode Linux can restore"
+    " (Intel AMX): use another machine, or a kernel with CAN"
+)
 GUEST = Path(__file__).with_name("guest.py")
 FORWARDED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 KERNEL_ARGUMENTS = (
@@ -233,6 +237,8 @@ class Machine:
             if self._sent:
                 return SIGNAL_BASE + self._sent[0]
             log = (self._folder / "kernel.log").read_text("utf-8", "replace").strip()
+            if "fatal_sigsegv" in log and "put_fp_registers" in log:
+                raise VcanError(REGISTERS)
             raise VcanError(f"User-Mode Linux ended without a word: {log[-LOG_CHARACTERS:]}")
         if "failed" in self._end:
             if self._end["missing"]:

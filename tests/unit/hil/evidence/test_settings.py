@@ -7,7 +7,7 @@ import pytest
 from hil.__main__ import main
 
 WRONG = {
-    "flight.estimator.window_s=-1": "--set flight.estimator.window_s=-1: estimator.window_s: input",
+    "flight.estimator.window_s=-1": "estimator.window_s=-1: estimator.window_s: must be above 0",
     "flight.imu.gyro_scale_sigma_ratio=7": "flight has no section 'imu'; did you mean sensors.imu?",
     "flight.bus.rate_hz.x=7": "flight.bus has no section 'rate_hz'; it has: none",
     "flight.tick_rate_hz": "must be sensors.KEY=VALUE, flight.KEY=VALUE",
