@@ -29,7 +29,10 @@ except PermissionError:
     pass
 end = time.monotonic() + 0.7
 while time.monotonic() < end:
-    pass
+    busy = time.monotonic() + 0.03
+    while time.monotonic() < busy:
+        pass
+    time.sleep(0.005)
 """
 DISK_BYTES = 64 << 20
 BALLAST = "ballast"  # name of the file that fills the disk
@@ -47,10 +50,10 @@ def service_of(hold: Hold) -> int:
 
 
 def _hog(hold: Hold) -> None:
-    """Occupy the processor of the daemon, with a higher priority if the system allows it.
+    """Occupy the daemon's processor again and again, with a higher priority if the system allows.
 
-    The simulated devices are not part of the robot's computer. They get the other processors, if
-    there are any.
+    One long occupation would be one stall. The simulated devices are not part of the robot's
+    computer. They get the other processors, if there are any.
     """
     taken, *others = sorted(os.sched_getaffinity(0))
     for process in (hold.daemon, *children(hold.daemon)):
