@@ -139,6 +139,7 @@ class Estimation(NullSink):
         self.dispatcher.saved = take(estimator, snapshot.t_ns)
         self._publish(estimate)
         self._sink.put(EstimationStatus(self.status()))
+        self._kept_ns = now_ns - (self._keep_ns or 0)  # the next checkpoint is due at once
         return True
 
     def apply_planned(self, window: int) -> None:

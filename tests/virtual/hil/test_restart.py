@@ -56,6 +56,7 @@ def test_a_restart_goes_on_and_its_replay_is_the_same(
     assert np.max(np.abs(restored.mean - same.mean) / sigma) < 1.0
     assert np.allclose(np.sqrt(np.diag(restored.covariance)), sigma, rtol=0.05)
     fly(daemon, bench, ENDS_S)
+    assert after.snapshots[0].t_ns - died_ns <= 0.1 * S  # a death soon after this loses no more
     final = daemon.shutdown()
     assert final is not None
     assert final.blocks > same.blocks + 20  # 11 s of windows of 0.4 s
