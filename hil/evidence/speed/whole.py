@@ -13,6 +13,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
@@ -34,6 +35,7 @@ from hil.run.progress import Meter
 from hil.world.scenario import load as load_scenario
 
 SETTLE_S = 6.0  # start-up, which is not counted
+FRESH_NS = 500_000_000  # oldest status that goes with processor times of now
 CLIENTS = 10
 FAST = {"housekeeping_interval_s": 0.1, "science_interval_s": 0.01}  # for the ten clients
 CONDITIONS = ("alone", "hog", "batch", "clients")
@@ -141,6 +143,7 @@ class _Watch:
 
     def __init__(self, state: Path, start: Callable[[], None]) -> None:
         self._state, self._start = state, start
+        self._newest_ns = 0
         self.first: _Look | None = None
         self.last: _Look | None = None
         self.resident_mb: dict[str, float] = {}
@@ -149,7 +152,10 @@ class _Watch:
         if done_s < SETTLE_S:
             return
         status = live.read_status(self._state)
-        if status is None:
+        if status is None or status["t_ns"] == self._newest_ns:
+            return
+        self._newest_ns = int(status["t_ns"])
+        if time.monotonic_ns() - self._newest_ns > FRESH_NS:  # written late, by a busy service
             return
         pids = {"loop": daemon, **live.processes_of(daemon), "plant": plant}
         look = _Look(done_s, {name: _cpu_s(pid) for name, pid in pids.items()}, status)
@@ -217,9 +223,10 @@ def missed(wakes: Sequence[tuple[int, int]], period_us: float) -> int:
 
 def _condition(name: str, watch: _Watch, final: Mapping[str, Any]) -> Condition:
     first, last = watch.first, watch.last
-    if first is None or last is None:
-        raise live.LiveError(f"{name}: no status after {SETTLE_S:.0f} s")
-    seconds = last.done_s - first.done_s
+    if first is None or last is None or last is first:
+        raise live.LiveError(f"{name}: no two fresh statuses after {SETTLE_S:.0f} s")
+    seconds = (int(last.status["t_ns"]) - int(first.status["t_ns"])) * 1e-9
+    processor_s = last.done_s - first.done_s
 
     def grown(key: str) -> int:
         return int(last.status[key]) - int(first.status[key])
@@ -228,7 +235,7 @@ def _condition(name: str, watch: _Watch, final: Mapping[str, Any]) -> Condition:
         name=name,
         seconds=seconds,
         core_percent={
-            k: 100.0 * (v - first.cpu_s.get(k, 0.0)) / seconds for k, v in last.cpu_s.items()
+            k: 100.0 * (v - first.cpu_s.get(k, 0.0)) / processor_s for k, v in last.cpu_s.items()
         },
         resident_mb=watch.resident_mb,
         ticks=grown("ticks"),

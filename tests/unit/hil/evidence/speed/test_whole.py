@@ -1,14 +1,17 @@
-"""Grid points that a timer's late wake-ups missed."""
+"""Grid points that a timer's late wake-ups missed; statuses that go with processor times."""
 
+import json
+import os
 import shutil
 import signal
 import subprocess
 import time
+from pathlib import Path
 
 import pytest
 
 from fsw.commands.bench.timer import cyclictest_command, cyclictest_wakes
-from hil.evidence.speed.whole import missed
+from hil.evidence.speed.whole import FRESH_NS, SETTLE_S, _Watch, missed
 
 PERIOD_US = 2000.0
 
@@ -31,3 +34,23 @@ def test_cyclictest_skips_what_it_missed_and_does_not_make_up() -> None:
     late = sum(count for late_us, count in wakes if late_us >= 45_000)
     assert 1 <= late <= 5  # made up, the points missed would be some twenty wake-ups more
     assert missed(wakes, PERIOD_US) >= 22
+
+
+def test_only_a_new_and_fresh_status_goes_with_processor_times(tmp_path: Path) -> None:
+    """A busy service writes late: 4400 ticks were counted to the 6 s of a run at 500 Hz."""
+    path, started, pid = tmp_path / "status.json", [], os.getpid()
+    watch = _Watch(path, lambda: started.append(1))
+
+    def seen(age_ns: int, ticks: int) -> int | None:
+        path.write_text(json.dumps({"t_ns": time.monotonic_ns() - age_ns, "ticks": ticks}))
+        watch(SETTLE_S + 1.0, pid, pid)
+        watch(SETTLE_S + 1.1, pid, pid)  # the same status again
+        return None if watch.last is None else int(watch.last.status["ticks"])
+
+    assert seen(2 * FRESH_NS, 1) is None
+    assert seen(0, 2) == 2
+    assert watch.last is not None
+    assert watch.last.done_s == SETTLE_S + 1.0
+    assert seen(2 * FRESH_NS, 3) == 2
+    assert seen(0, 4) == 4
+    assert (watch.first is not None and watch.first.status["ticks"], started) == (2, [1])
