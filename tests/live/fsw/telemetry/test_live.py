@@ -43,7 +43,7 @@ def test_a_client_that_does_not_read_costs_itself_packets_and_the_loop_nothing(a
     ):
         ground = run.connect()
         ground.mode("IDENTIFY")
-        stuck.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        stuck.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 15)  # less: 2 kB each 0.2 s
         stuck.connect(("127.0.0.1", run.port))
         ground.until("drops", lambda told: of_link(told, "tm_dropped") > 100)
         assert ground.tell("PING") == "completion_success"
