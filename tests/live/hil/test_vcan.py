@@ -26,19 +26,10 @@ def can_be_had() -> bool:
         return False
 
 
-@pytest.fixture(scope="module")
-def boots():
-    """Skip where the processor is one that User-Mode Linux cannot run on."""
-    if not kernel.has_can() and uml.REGISTERS.encode() in vcan("true").stderr:
-        pytest.skip(uml.REGISTERS)
-
-
 def needs_vcan(test):
     """Mark a test that runs a command below `hil vcan`."""
     reason = "needs user-mode-linux and iproute2: this kernel has no CAN"
-    return pytest.mark.skipif(not can_be_had(), reason=reason)(
-        pytest.mark.usefixtures("boots")(test)
-    )
+    return pytest.mark.skipif(not can_be_had(), reason=reason)(test)
 
 
 def vcan(*arguments, options=(), **settings):
