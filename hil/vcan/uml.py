@@ -41,6 +41,7 @@ CHUNK_BYTES = 65536
 POLL_S = 0.1
 LOG_CHARACTERS = 500
 PRIORITY = 10  # of the guest's kernel in SCHED_FIFO: above ordinary processes, below urgent ones
+NICE = -20  # of the guest's processes: before all other ordinary ones
 ORDER_S = 0.2  # from one look at the guest's processes to the next
 GUEST_TMPDIR = "/dev/shm"  # the host's file system cannot hold a socket
 SYSTEM_PATH = "/usr/sbin:/usr/bin:/sbin:/bin"
@@ -140,6 +141,10 @@ class Machine:
                 env=env,
             )
         self._realtime = realtime
+        if realtime:
+            with suppress(OSError):  # not allowed, or a kernel that groups no sessions
+                group = Path(f"/proc/{self._process.pid}/autogroup")
+                group.write_text(str(NICE), encoding="ascii")
         control.close()
         for fd in far[:2]:
             os.close(fd)
@@ -232,10 +237,11 @@ class Machine:
                 self.send(signal.SIGTERM)
 
     def _order(self) -> None:
-        """Give the guest's processes, which are this machine's too, less priority than its kernel.
+        """Let the guest's kernel interrupt the guest's processes, which are this machine's too.
 
-        They start with the kernel's. In SCHED_FIFO a process does not interrupt one of the same
-        priority, so the guest's kernel could not obey its timer while one of them computes.
+        They start in SCHED_FIFO with the kernel's priority, which would not let the kernel obey
+        its timer while one of them computes. They become ordinary processes of the highest
+        preference: what they take does not count against this machine's limit of SCHED_FIFO.
         """
         now_s = time.monotonic()
         if now_s < self._ordered_s + ORDER_S:
@@ -244,8 +250,8 @@ class Machine:
         kernel = self._process.pid
         for pid in (int(name) for name in os.listdir("/proc") if name.isdecimal()):
             with suppress(OSError):  # ended
-                if os.getsid(pid) == kernel != pid:
-                    os.sched_setscheduler(pid, os.SCHED_FIFO, os.sched_param(PRIORITY - 1))
+                if os.getsid(pid) == kernel != pid and is_equal(pid):
+                    prefer(pid)
 
     def _status(self) -> int:
         if self._timed_out:
@@ -287,6 +293,23 @@ def preferred(*, wanted: bool) -> Iterator[bool]:
         if granted:
             os.sched_setaffinity(0, processors)
             os.sched_setscheduler(0, policy, parameters)
+
+
+def is_equal(pid: int) -> bool:
+    """Tell whether a process still has the priority of the guest's kernel."""
+    return (
+        os.sched_getscheduler(pid) == os.SCHED_FIFO
+        and os.sched_getparam(pid).sched_priority == PRIORITY
+    )
+
+
+def prefer(pid: int) -> None:
+    """Take a process out of SCHED_FIFO, before all ordinary ones; else lower its priority."""
+    try:
+        os.setpriority(os.PRIO_PROCESS, pid, NICE)
+        os.sched_setscheduler(pid, os.SCHED_OTHER, os.sched_param(0))
+    except PermissionError:
+        os.sched_setscheduler(pid, os.SCHED_FIFO, os.sched_param(PRIORITY - 1))
 
 
 def write_job(folder: Path, job: Job, *, realtime: bool) -> Path:
