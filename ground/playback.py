@@ -98,8 +98,8 @@ def retrieve(
 ) -> tuple[Verification, list[bytes]]:
     """Request the packets of a store and time range; return verification and received packets.
 
-    Packets that are sent for the first time meanwhile are included if they are in the range, or if
-    the range begins at 0. Raises LinkError.
+    Packets that are sent for the first time meanwhile are included if they are in the range.
+    Raises LinkError.
     """
     packet = catalogue.build(COMMAND, _arguments(store, wanted), link.next_sequence())
     words = int.from_bytes(packet[:2], "big"), int.from_bytes(packet[2:4], "big")
@@ -113,7 +113,7 @@ def retrieve(
             continue
         if raw[HEADER_BYTES + 1] == VERIFICATION:
             verification.take(decoder.decode(raw))
-        elif wanted.from_s <= t_s <= wanted.to_s or wanted.from_s == 0.0:
+        elif wanted.from_s <= t_s <= wanted.to_s:
             found.append(raw)
         if verification.over:
             break

@@ -57,7 +57,7 @@ EXPLAINS: Mapping[Fault, frozenset[Fault]] = {
     Fault.ACC_INCONSISTENT: frozenset({Fault.ACC_SPIKE}),
 }
 # faults that a stall of the loop explains: those that a clock shows, samples that found no room,
-# and the work that has waited
+# a solution of the star tracker whose bytes have waited, and the work that has waited
 OF_A_STALL = frozenset(
     {
         Fault.LOOP_OVER_BUDGET,
@@ -73,6 +73,7 @@ OF_A_STALL = frozenset(
         Fault.TRACKER_SILENT,
         Fault.TRACKER_LOST,
         Fault.TRACKER_LATE,
+        Fault.TRACKER_JUMP,
     }
 )
 LOOP = "loop"

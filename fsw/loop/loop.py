@@ -104,6 +104,7 @@ class Loop:
             "stalls": slips.stalls,
             "over_budget": slips.over_budget,
             "max_late_us": slips.max_late_ns / 1e3,
+            "release_us": time_values(slips.release),
             "work_us": time_values(slips.work),
             "tasks_us": task_summary(slips),
             **self._inputs.status(),

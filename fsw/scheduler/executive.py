@@ -139,7 +139,7 @@ class Executive:
         late_ns = now_ns - due_ns
         missed = max(late_ns // self._period_ns, 0)
         self.slips.slips += missed
-        self.slips.max_late_ns = max(self.slips.max_late_ns, late_ns)
+        self.slips.release.add(late_ns)
         ready_ns = max(due_ns, self._began_ns + worked_ns)
         if now_ns - ready_ns >= self._stall_ns:
             self.slips.stalls += 1

@@ -36,7 +36,7 @@ BINS = 2000  # the last bin holds all longer times
 
 @dataclass(slots=True)
 class TaskTimes:
-    """Statistics of the time that one task needs [ns]."""
+    """Statistics of the time that one task needs, or that a wake is late [ns]."""
 
     count: int = 0
     last_ns: int = 0
@@ -73,12 +73,17 @@ class Slips:
 
     ticks: int = 0  # ticks run
     slips: int = 0  # grid points skipped because the loop was late
-    max_late_ns: int = 0
     stalls: int = 0  # times without a processor, see `messages.findings.Stall`
     over_budget: int = 0  # ticks whose own work took longer than the budget
     early_wakes: int = 0  # waits ended early by a descriptor
+    release: TaskTimes = field(default_factory=TaskTimes)  # from the grid point to the wake
     work: TaskTimes = field(default_factory=TaskTimes)  # all tasks of a tick
     times: dict[str, TaskTimes] = field(default_factory=dict)
+
+    @property
+    def max_late_ns(self) -> int:
+        """The latest wake [ns]."""
+        return self.release.max_ns
 
 
 def is_due(divisor: int, index: int, previous: int) -> bool:

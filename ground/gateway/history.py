@@ -118,14 +118,14 @@ class Recordings:
         return found
 
     def _recorded(self) -> Iterator[RecordedStream]:
-        """Yield the recordings that hold estimates, in order of their names."""
+        """Yield the recordings that hold estimates or events, in order of their names."""
         if self._path is None:
             return
         files = sorted(self._path.glob("*.mcap")) if self._path.is_dir() else [self._path]
         for path in files:
             with self._lock:
                 recorded = self._newest(path)
-            if len(recorded.times_ms):
+            if len(recorded.times_ms) or recorded.events:
                 yield recorded
 
     def _newest(self, path: Path) -> RecordedStream:

@@ -55,6 +55,7 @@ class Condition:
     slips: int = 0
     stalls: int = 0
     over_budget: int = 0  # ticks whose work exceeds the period
+    release_p99_us: float = 0.0  # lateness of a wake, since the start of the daemon
     work_mean_us: float = 0.0  # since the start of the daemon
     work_p99_us: float = 0.0  # since the start of the daemon
     sampled_p99_us: float = 0.0  # from the arrival of a batch's first frame to its samples
@@ -66,6 +67,7 @@ class Condition:
     dropped: int = 0  # messages that the ring has lost
     lost: dict[str, int] = field(default_factory=dict)  # lost samples by source
     timer_wakes: int = 0  # wake-ups of cyclictest; 0 if it is not installed
+    timer_p99_us: float = 0.0  # lateness of a wake-up of cyclictest
     timer_slips: int = 0  # grid points that cyclictest missed: k for a wake-up k periods late
     timer_stalls: int = 0  # wake-ups of cyclictest that are late enough for a stall of the loop
 
@@ -100,9 +102,10 @@ class Condition:
         """Return the measurements as lines of text."""
         cores = ", ".join(f"{k} {v:.1f} %" for k, v in self.core_percent.items())
         memory = ", ".join(f"{k} {v:.0f}" for k, v in self.resident_mb.items())
-        timer = stalls = "not measured"
+        timer = stalls = release = "not measured"
         if self.timer_wakes:
             timer, stalls = f"{self.timer_slips_per_1000:.1f}", f"{self.timer_stalls_of_run:.0f}"
+            release = f"{self.timer_p99_us:.0f} us"
         late = Counter(self.bench["explains"])
         incidents, late_ones = (
             ", ".join(f"{k} {v}" for k, v in counts.items()) or "none"
@@ -117,6 +120,7 @@ class Condition:
                 f"  core: {cores}",
                 f"  memory [MB]: {memory}",
                 f"  slips of 1000 ticks: {self.slips_per_1000:.1f}; of cyclictest: {timer}",
+                f"  tick release: p99 {self.release_p99_us:.0f} us; of cyclictest: {release}",
                 f"  work of a tick: mean {self.work_mean_us:.0f} us, p99 {self.work_p99_us:.0f} us;"
                 f" {self.over_budget} over budget; {self.stalls} stalls; of cyclictest: {stalls}",
                 f"  p99: frame to sample {self.sampled_p99_us / 1e3:.1f} ms{sent};"
@@ -201,6 +205,7 @@ def measure(
         stack.close()
         condition = _condition(name, watch, outcome.status)
         condition.timer_wakes = sum(count for _, count in wakes)
+        condition.timer_p99_us = quantile(wakes, 0.99)
         condition.timer_slips = missed(wakes, 1e6 / rate_hz)
         stall_us = 1e6 * setup.config.health.stall_s
         condition.timer_stalls = sum(count for late_us, count in wakes if late_us >= stall_us)
@@ -219,6 +224,21 @@ def missed(wakes: Sequence[tuple[int, int]], period_us: float) -> int:
     wakes : pairs of a lateness [us] and the number of wake-ups with this lateness
     """
     return sum(count * int(late_us // period_us) for late_us, count in wakes)
+
+
+def quantile(wakes: Sequence[tuple[int, int]], ratio: float) -> float:
+    """Return the lateness [us] that a ratio of the wake-ups did not exceed; 0 without any.
+
+    Parameters
+    ----------
+    wakes : pairs of a lateness [us] and the number of wake-ups with this lateness
+    """
+    wanted, seen = ratio * sum(count for _, count in wakes), 0
+    for late_us, count in sorted(wakes):
+        seen += count
+        if seen >= wanted:
+            return float(late_us)
+    return 0.0
 
 
 def _condition(name: str, watch: _Watch, final: Mapping[str, Any]) -> Condition:
@@ -242,6 +262,7 @@ def _condition(name: str, watch: _Watch, final: Mapping[str, Any]) -> Condition:
         slips=grown("slips"),
         stalls=grown("stalls"),
         over_budget=grown("over_budget"),
+        release_p99_us=float(last.status["release_us"]["p99"]),
         work_mean_us=float(last.status["work_us"]["mean"]),
         work_p99_us=float(last.status["work_us"]["p99"]),
         sampled_p99_us=float(last.status["sampled_us"]["p99"]),
@@ -322,6 +343,8 @@ def summary(rounds: list[list[Condition]]) -> str:
             ],
             "slips of 1000": [run.slips_per_1000 for run in runs],
             "slips of 1000, cyclictest": [run.timer_slips_per_1000 for run in runs],
+            "tick release, p99 [us]": [run.release_p99_us for run in runs],
+            "tick release of cyclictest, p99 [us]": [run.timer_p99_us for run in runs],
             "stalls": [float(run.stalls) for run in runs],
             "stalls, cyclictest": [run.timer_stalls_of_run for run in runs],
             "work of a tick, p99 [us]": [run.work_p99_us for run in runs],

@@ -15,7 +15,7 @@ from ground.errors import UsageError
 from ground.gateway.desk import Desk
 from ground.gateway.feed import Feed
 from ground.gateway.guard import Guard
-from ground.gateway.history import MAX_ROWS, Ring, thinned
+from ground.gateway.history import MAX_ROWS, Recordings, Ring, thinned
 from ground.gateway.points import Points
 from ground.gateway.server import KEPT, PERIOD_S, PageClient, application
 from ground.history import CommandHistory
@@ -204,6 +204,15 @@ def test_history_comes_from_recordings_and_then_from_memory(assets, tmp_path):
 
     with FakeDaemon(stream=run_of_estimates()) as daemon:
         asyncio.run(check(daemon.port))
+
+
+def test_events_of_a_recording_without_estimates_are_history_too(tmp_path):
+    writer = RecordingWriter(tmp_path / "run.mcap")
+    writer.json("/events", 5_000_000_000, {"severity": "low", "code": "OLD", "text": "alone"})
+    writer.close()
+    found = Recordings(tmp_path).events(0.0, 1e15, None)
+    assert [event["text"] for event in found] == ["alone"]
+    assert not len(Recordings(tmp_path).between("target_mass_kg", 0.0, 1e15, None))
 
 
 def test_a_recording_that_is_being_written_or_broken_is_read_as_far_as_it_goes(tmp_path):

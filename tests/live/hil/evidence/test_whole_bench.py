@@ -20,6 +20,7 @@ def test_a_run_tells_what_its_processes_took(name: str) -> None:
     grid = condition.seconds * 500.0
     assert condition.ticks + condition.slips == pytest.approx(grid, rel=0.1)
     assert 0.0 < condition.work_mean_us <= condition.work_p99_us
+    assert condition.release_p99_us > 0.0
     assert condition.published_p99_us > 0.0
     assert condition.dropped == 0
     assert f"{name}: loop [% of a core]" in summary([[condition]])

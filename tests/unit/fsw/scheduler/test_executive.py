@@ -30,6 +30,9 @@ def test_a_late_tick_runs_once_skips_what_was_missed_and_keeps_the_grid():
     assert [t.due_ns for t in ticks] == [0, 2 * MS, 8 * MS, 10 * MS]
     assert executive.slips.slips == 2
     assert executive.slips.max_late_ns == 5 * MS
+    assert executive.slips.release.count == 4
+    assert executive.slips.release.quantile_ns(0.75) <= 0.01 * MS
+    assert executive.slips.release.quantile_ns(0.99) == 5 * MS
 
 
 def test_a_tick_late_by_less_than_a_period_is_no_slip():

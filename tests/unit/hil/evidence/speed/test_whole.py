@@ -11,13 +11,21 @@ from pathlib import Path
 import pytest
 
 from fsw.commands.bench.timer import cyclictest_command, cyclictest_wakes
-from hil.evidence.speed.whole import FRESH_NS, SETTLE_S, _Watch, missed
+from hil.evidence.speed.whole import FRESH_NS, SETTLE_S, _Watch, missed, quantile
 
 PERIOD_US = 2000.0
 
 
 def test_a_wake_up_three_periods_late_misses_three_points() -> None:
     assert missed([(10, 500), (1999, 3), (2000, 1), (6500, 2)], PERIOD_US) == 1 + 2 * 3
+
+
+def test_a_quantile_of_wake_ups_is_that_of_the_sorted_list() -> None:
+    wakes = [(2000, 1), (10, 50), (300, 40), (900, 9)]
+    every = sorted(late_us for late_us, count in wakes for _ in range(count))
+    assert quantile(wakes, 0.99) == every[98] == 900
+    assert quantile(wakes, 0.5) == every[49] == 10
+    assert quantile([], 0.99) == 0.0
 
 
 @pytest.mark.skipif(shutil.which("cyclictest") is None, reason="needs Debian's rt-tests")
