@@ -115,6 +115,18 @@ def test_a_stall_hides_no_fault_that_was_there_before_or_continues_behind_it() -
     assert take(tested, 251 * MS, Fault.BUS_SILENT, "arm") == ["BUS_SILENT"]
 
 
+def test_a_solution_that_arrived_in_a_stall_is_of_it_although_it_was_valid_before() -> None:
+    for latency_ns, told in ((0, ["TRACKER_JUMP"]), (30 * MS, [])):
+        tested = Incidents(RECOVER_NS, {}, WINDOW_NS, {"star_tracker": latency_ns})
+        tested.stalled(100 * MS, 150 * MS, 150 * MS)
+        assert take(tested, 80 * MS, Fault.TRACKER_JUMP, "star_tracker") == told
+    tested = Incidents(RECOVER_NS, {}, WINDOW_NS, {"star_tracker": 30 * MS})
+    tested.stalled(100 * MS, 150 * MS, 150 * MS)
+    for t_ns in (69 * MS, 251 * MS):
+        assert take(tested, t_ns, Fault.TRACKER_JUMP, "star_tracker")
+        tested.advance(t_ns + 10 * (RECOVER_NS + WINDOW_NS))
+
+
 def test_a_stall_explains_no_value_of_a_sensor() -> None:
     for fault in Fault:
         tested = incidents()
