@@ -188,12 +188,13 @@ def measure(
         setup = prepare(flown, 0, folder, real_time=True, telemetry={"port": port, **rates})
         plant = plant_document(setup.scenario, setup.seed, folder, setup.bus_ports)
         rate_hz = setup.config.scheduler.tick_rate_hz
+        priority = granted(setup.config.scheduler.realtime_priority)
         wakes: list[tuple[int, int]] = []
         clients: list[LinkDelays] = []
 
         def start() -> None:
             stack.enter_context(_load(name, setup.config_path, port))
-            stack.enter_context(_timer(rate_hz, seconds, wakes))
+            stack.enter_context(_timer(rate_hz, seconds, priority, wakes))
             clients.append(LinkDelays(port, setup.config.estimator.lag_s))
 
         watch = _Watch(folder / "state" / "status.json", start)
@@ -273,6 +274,19 @@ def _condition(name: str, watch: _Watch, final: Mapping[str, Any]) -> Condition:
     )
 
 
+def granted(priority: int) -> int:
+    """Return a priority of SCHED_FIFO if this process may take it as the loop does, else 0."""
+    if priority == 0:
+        return 0
+    policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+    except OSError:
+        return 0
+    os.sched_setscheduler(0, policy, parameters)
+    return priority
+
+
 @contextmanager
 def _load(name: str, config: Path, port: int) -> Iterator[None]:
     """Keep up the load of a condition during the block."""
@@ -302,9 +316,11 @@ def _read_all(link: socket.socket) -> None:
 
 
 @contextmanager
-def _timer(rate_hz: float, seconds: float, wakes: list[tuple[int, int]]) -> Iterator[None]:
+def _timer(
+    rate_hz: float, seconds: float, priority: int, wakes: list[tuple[int, int]]
+) -> Iterator[None]:
     """Run cyclictest during the block; append pairs of a lateness [us] and a count to `wakes`."""
-    command = cyclictest_command(rate_hz, 0.9 * seconds)
+    command = cyclictest_command(rate_hz, 0.9 * seconds, priority)
     if command is None:
         yield
         return

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from fsw.commands.bench.timer import cyclictest_command, cyclictest_wakes
-from hil.evidence.speed.whole import FRESH_NS, SETTLE_S, _Watch, missed, quantile
+from hil.evidence.speed.whole import FRESH_NS, SETTLE_S, _Watch, granted, missed, quantile
 
 PERIOD_US = 2000.0
 
@@ -26,6 +26,13 @@ def test_a_quantile_of_wake_ups_is_that_of_the_sorted_list() -> None:
     assert quantile(wakes, 0.99) == every[98] == 900
     assert quantile(wakes, 0.5) == every[49] == 10
     assert quantile([], 0.99) == 0.0
+
+
+def test_a_priority_is_granted_as_to_the_loop_and_not_kept() -> None:
+    allowed = subprocess.run(["chrt", "-f", "50", "true"], capture_output=True, check=False)
+    assert granted(50) == (50 if allowed.returncode == 0 else 0)
+    assert granted(0) == 0
+    assert os.sched_getscheduler(0) == os.SCHED_OTHER
 
 
 @pytest.mark.skipif(shutil.which("cyclictest") is None, reason="needs Debian's rt-tests")
