@@ -57,7 +57,7 @@ EXPLAINS: Mapping[Fault, frozenset[Fault]] = {
     Fault.ACC_INCONSISTENT: frozenset({Fault.ACC_SPIKE}),
 }
 # faults that a stall of the loop explains: those that a clock shows, samples that found no room,
-# a solution of the star tracker whose bytes have waited, and the work that has waited
+# and the work that has waited
 OF_A_STALL = frozenset(
     {
         Fault.LOOP_OVER_BUDGET,
@@ -73,7 +73,6 @@ OF_A_STALL = frozenset(
         Fault.TRACKER_SILENT,
         Fault.TRACKER_LOST,
         Fault.TRACKER_LATE,
-        Fault.TRACKER_JUMP,
     }
 )
 LOOP = "loop"
@@ -110,19 +109,11 @@ class Incidents:
     recover_ns : an incident without a finding for this long is over
     bus_of : name of the bus by name of the node
     window_ns : length of a window plus the lag after which it is judged
-    latency_ns : time from a sample's validity to its arrival, by subject; 0 where there is none
     """
 
-    def __init__(
-        self,
-        recover_ns: int,
-        bus_of: Mapping[str, str],
-        window_ns: int,
-        latency_ns: Mapping[str, int] | None = None,
-    ) -> None:
+    def __init__(self, recover_ns: int, bus_of: Mapping[str, str], window_ns: int) -> None:
         self._recover_ns, self._window_ns = recover_ns, window_ns
         self._bus_of = bus_of
-        self._latency_ns = latency_ns or {}
         self._open: dict[tuple[Fault, str], _Incident] = {}
         self.findings = dict.fromkeys(Fault, 0)
         self.incidents = dict.fromkeys(Fault, 0)
@@ -201,9 +192,7 @@ class Incidents:
         """Return whether a stall explains a finding; the finding does not extend the stall."""
         if finding.fault not in OF_A_STALL:
             return False
-        t_ns = finding.t_ns
-        arrival_ns = t_ns + self._latency_ns.get(finding.subject, 0)
-        return any(start <= arrival_ns and t_ns <= end for start, end in self._stalls)
+        return any(start <= finding.t_ns <= end for start, end in self._stalls)
 
     def _cause(self, finding: Finding) -> _Incident | None:
         if not self._open:

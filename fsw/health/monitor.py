@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 from fsw.config import Config
 from fsw.health.incidents import LOOP, Incidents
-from fsw.health.rotation import TRACKER, RotationMonitor
+from fsw.health.rotation import RotationMonitor
 from fsw.health.stuck import StuckScreen
 from fsw.messages import Event, Samples, Window
 from fsw.messages.findings import Fault, Finding, Stall
@@ -33,9 +33,7 @@ class Health:
         bus_of = {node.name: node.bus for node in config.can_nodes if node.bus is not None}
         window_s = config.estimator.window_s + config.estimator.lag_s
         recover_ns, window_ns = round(settings.recover_s * 1e9), round(window_s * 1e9)
-        tracker = config.star_tracker
-        latency_ns = {} if tracker is None else {TRACKER: round(tracker.latency_s * 1e9)}
-        self._incidents = Incidents(recover_ns, bus_of, window_ns, latency_ns)
+        self._incidents = Incidents(recover_ns, bus_of, window_ns)
         self._stuck = StuckScreen(config) if settings.stuck else None
         self._rotation = RotationMonitor(config)
         self._slip_ticks = max(1, round(SLIP_WINDOW_S * config.scheduler.tick_rate_hz))

@@ -115,18 +115,6 @@ def test_a_stall_hides_no_fault_that_was_there_before_or_continues_behind_it() -
     assert take(tested, 251 * MS, Fault.BUS_SILENT, "arm") == ["BUS_SILENT"]
 
 
-def test_a_solution_that_arrived_in_a_stall_is_of_it_although_it_was_valid_before() -> None:
-    for latency_ns, told in ((0, ["TRACKER_JUMP"]), (30 * MS, [])):
-        tested = Incidents(RECOVER_NS, {}, WINDOW_NS, {"star_tracker": latency_ns})
-        tested.stalled(100 * MS, 150 * MS, 150 * MS)
-        assert take(tested, 80 * MS, Fault.TRACKER_JUMP, "star_tracker") == told
-    tested = Incidents(RECOVER_NS, {}, WINDOW_NS, {"star_tracker": 30 * MS})
-    tested.stalled(100 * MS, 150 * MS, 150 * MS)
-    for t_ns in (69 * MS, 251 * MS):
-        assert take(tested, t_ns, Fault.TRACKER_JUMP, "star_tracker")
-        tested.advance(t_ns + 10 * (RECOVER_NS + WINDOW_NS))
-
-
 def test_a_stall_explains_no_value_of_a_sensor() -> None:
     for fault in Fault:
         tested = incidents()
@@ -134,6 +122,5 @@ def test_a_stall_explains_no_value_of_a_sensor() -> None:
         told = take(tested, 160 * MS, fault, "imu")
         is_of_time = fault.endswith(("SILENT", "LOST", "LATE", "ORDER", "JITTER", "STALLED"))
         is_of_time |= fault is Fault.LOOP_OVER_BUDGET  # the work that has waited
-        is_of_time |= fault is Fault.TRACKER_JUMP  # a solution whose bytes have waited
         if fault is Fault.IMU_BYTES_LOST or not is_of_time:
             assert told == [str(fault)]

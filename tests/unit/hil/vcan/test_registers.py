@@ -20,11 +20,11 @@ class Area(ctypes.Structure):
 
 def transfer(request, buffer):
     area = Area(ctypes.addressof(buffer), len(buffer))
-    library.ptrace.restype = ctypes.c_long
     done = library.ptrace(request, pid, ctypes.c_void_p(XSTATE), ctypes.byref(area))
     return done, area.length
 
 library = ctypes.CDLL(sys.argv[1] or None, use_errno=True)
+library.ptrace.restype = ctypes.c_long
 pid = os.fork()
 if pid == 0:
     library.ptrace(0, 0, None, None)
@@ -39,8 +39,6 @@ part[160:176] = bytes(range(16))
 struct.pack_into("<Q", part, 512, states | 2)
 done, _ = transfer(SETREGSET, part)
 transfer(GETREGSET, whole)
-peek = ctypes.c_long(0)
-library.ptrace.restype = ctypes.c_long
 unknown = library.ptrace(0x4204, pid, ctypes.c_void_p(0x999), None)
 library.ptrace(7, pid, None, None)
 print(json.dumps([size, done, whole.raw[160:176].hex(), unknown, os.waitpid(pid, 0)[1] >> 8]))
