@@ -4,6 +4,7 @@ The flight software, the bench and the ground side may all import this package.
 """
 
 import os
+from contextlib import suppress
 from pathlib import Path
 from typing import IO
 
@@ -17,8 +18,13 @@ def replace_file(path: Path, content: bytes | str, permissions: int = PERMISSION
     that file may remain; the next replacement overwrites it.
     """
     temporary = path.with_name(f"{path.name}.new")
-    write_file(temporary, content, permissions)
-    rename_file(temporary, path)
+    try:
+        write_file(temporary, content, permissions)
+        rename_file(temporary, path)
+    except OSError:
+        with suppress(OSError):  # on a full disk a rest would take space from others
+            temporary.unlink()
+        raise
 
 
 def write_file(path: Path, content: bytes | str, permissions: int = PERMISSIONS) -> None:

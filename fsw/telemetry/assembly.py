@@ -35,6 +35,8 @@ def build_application(config: Config, host: Host, *, resume: bool) -> TelemetryA
     context = build_context(config, telemetry, host, resume=resume)
     security = None
     if telemetry.sdls is not None:
-        security = Security(config, telemetry.sdls, state, os.environ, context.report)
+        security = Security(
+            config, telemetry.sdls, state, os.environ, context.report, context.unix_s
+        )
     delivery = FileEntity(files, Numbers(state / TRANSACTIONS_NAME).take)
     return TelemetryApplication(context, delivery, security)

@@ -35,6 +35,7 @@ class Error(IntEnum):
     NOT_SUPPORTED = 19  # this daemon was not configured for it
     FAILED = 20  # it was accepted and tried; an event with it reports the reason
     NOT_AUTHORISED = 21  # this key or port may only observe, not command
+    NOT_KEPT = 22  # the disk does not keep the frame's number; only what frees space is accepted
 
 
 class Mode(IntEnum):

@@ -15,7 +15,7 @@ Not certified; no extended procedures (keys are files), no COP-1.
 import hashlib
 import struct
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Protocol
@@ -46,6 +46,7 @@ class FrameReject(StrEnum):
     BAD_CRC = "BAD_CRC"
     NOT_AUTHENTICATED = "NOT_AUTHENTICATED"
     REPLAY = "REPLAY"
+    NOT_KEPT = "NOT_KEPT"
 
 
 class Role(StrEnum):
@@ -105,9 +106,18 @@ class FrameNumbers(Protocol):
         """Mark IVs up to `used` as used; after a crash those below `kept` too. Raises OSError."""
         ...
 
+    def skip(self, fingerprint: str, used: int) -> None:
+        """Mark IVs up to `used` as used in this run only: a restart may accept them again."""
+        ...
+
     def settle(self, floors: Mapping[str, int]) -> None:
         """Store exactly these lowest unused IVs, by key fingerprint. Raises OSError."""
         ...
+
+
+def nothing_rescues(_packets: bytes) -> bool:
+    """Return False: no telecommand is accepted when its number cannot be stored."""
+    return False
 
 
 class FrameReceiver:
@@ -118,6 +128,8 @@ class FrameReceiver:
     associations : the keys, each under its own SPI
     numbers : stored IVs
     window : count of acceptable sequence numbers, which begin at the lowest unused number
+    rescues : returns whether the packets of a frame help against a failed disk; such a frame is
+        accepted also when its number cannot be stored
     """
 
     def __init__(
@@ -128,9 +140,10 @@ class FrameReceiver:
         spacecraft_id: int,
         virtual_channel: int,
         window: int,
+        rescues: Callable[[bytes], bool] = nothing_rescues,
     ) -> None:
         self.use(associations)
-        self._numbers, self._window = numbers, window
+        self._numbers, self._window, self._rescues = numbers, window, rescues
         self._first, self._channel = BYPASS | spacecraft_id, virtual_channel
         self.accepted = 0
         self.rejected: Counter[FrameReject] = Counter()
@@ -195,20 +208,22 @@ class FrameReceiver:
     def _claim(self, association: Association, iv: int, packet: bytes) -> Accepted | Rejected:
         floor, number = self._numbers.floor(association.fingerprint), iv >> RANDOM_BITS
         following = _next_number(floor)
-        text = f"number {number}; accepted are {following} to {following + self._window - 1}"
-        if floor <= iv and number < following + self._window:
-            # some senders count the whole IV up by one: store ahead in steps of that
-            counts_all = iv - floor < RESERVE
-            kept = iv + 1 + RESERVE if counts_all else (number + 1 + RESERVE) << RANDOM_BITS
-            try:
-                self._numbers.claim(association.fingerprint, iv, kept)
-            except OSError as error:  # not stored, the frame could be replayed after a restart
+        if iv < floor or number >= following + self._window:
+            text = f"number {number}; accepted are {following} to {following + self._window - 1}"
+            return Rejected(
+                reason=FrameReject.REPLAY, text=text, packet=packet, next_number=following
+            )
+        # some senders count the whole IV up by one: store ahead in steps of that
+        counts_all = iv - floor < RESERVE
+        kept = iv + 1 + RESERVE if counts_all else (number + 1 + RESERVE) << RANDOM_BITS
+        try:
+            self._numbers.claim(association.fingerprint, iv, kept)
+        except OSError as error:  # not stored, the frame could be replayed after a restart
+            if not self._rescues(packet):
                 text = f"number {number} cannot be kept: {error.strerror or error}"
-            else:
-                return Accepted(
-                    packet=packet, spi=association.spi, number=number, role=association.role
-                )
-        return Rejected(reason=FrameReject.REPLAY, text=text, packet=packet, next_number=following)
+                return Rejected(reason=FrameReject.NOT_KEPT, text=text, packet=packet)
+            self._numbers.skip(association.fingerprint, iv)
+        return Accepted(packet=packet, spi=association.spi, number=number, role=association.role)
 
 
 class FrameSplitter:

@@ -1,15 +1,14 @@
 """Stores the IVs used with each key, so that no IV is accepted again after a crash."""
 
-import json
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from file_delivery.durable import replace_file
+from file_delivery.slots import SlotFile
 from fsw.messages.errors import ConfigError
 
-NUMBERS_NAME = "uplink_numbers.json"  # in the state directory
+NUMBERS_NAME = "uplink_numbers"  # in the state directory
+EARLIER_SUFFIX = ".json"  # of the file in which earlier versions stored the numbers
 
 
 @dataclass(slots=True)
@@ -20,11 +19,11 @@ class _Key:
 
 
 class NumberStore:
-    """Stores the lowest unused IV of every key, in one file.
+    """Stores the lowest unused IV of every key, in one file that is written in place.
 
-    Each write replaces the whole file. The stored IV lies ahead of the used ones, so after a crash
-    it is above every IV that had an effect. Keys are stored by fingerprint, so that a key that is
-    removed and added again does not begin again at zero.
+    Once the file exists, a full disk prevents no write. The stored IV lies ahead of the used ones,
+    so after a crash it is above every IV that had an effect. Keys are stored by fingerprint, so
+    that a key that is removed and added again does not begin again at zero.
 
     Raises
     ------
@@ -32,11 +31,20 @@ class NumberStore:
     """
 
     def __init__(self, path: Path) -> None:
-        self._path = path
+        self._file = SlotFile(path)
         self._keys: dict[str, _Key] = {}
         self.is_new = not path.exists()
         if not self.is_new:
-            self._keys = _read(path)
+            self._keys = _read(self._file)
+        elif (earlier := path.with_suffix(EARLIER_SUFFIX)).exists():
+            raise ConfigError(
+                f"{earlier}: numbers of the authenticated uplink of an earlier version; give new "
+                "keys and remove the file"
+            )
+
+    def prepare(self) -> None:
+        """Make the file, while there is room for it. Raises OSError."""
+        self._keep({})
 
     def floor(self, fingerprint: str) -> int:
         """Return the lowest IV of a key that was never used."""
@@ -55,6 +63,10 @@ class NumberStore:
         if not used < key.kept_floor <= kept:
             self._keep({fingerprint: kept})
         key.floor = used + 1
+
+    def skip(self, fingerprint: str, used: int) -> None:
+        """Mark IVs up to `used` as used in this run only: a restart may accept them again."""
+        self._key(fingerprint).floor = used + 1
 
     def retire(self, fingerprint: str) -> None:
         """Never accept this key again, not even after a restart. Raises OSError."""
@@ -77,30 +89,21 @@ class NumberStore:
             name: {"floor": floors.get(name, key.kept_floor), "retired": key.retired}
             for name, key in sorted(self._keys.items())
         }
-        document = {"keys": kept, "crc32": _crc32(kept)}
-        replace_file(self._path, json.dumps(document), 0o600)
+        self._file.write({"keys": kept})
         for name, floor in floors.items():
             self._keys[name].kept_floor = floor
 
 
-def _crc32(kept: object) -> int:
-    return zlib.crc32(json.dumps(kept, sort_keys=True).encode())
-
-
-def _read(path: Path) -> dict[str, _Key]:
+def _read(file: SlotFile) -> dict[str, _Key]:
     try:
-        document = json.loads(path.read_bytes())
-        kept = document["keys"]
-        if document["crc32"] != _crc32(kept):
-            raise ValueError("its CRC is wrong")
         return {
             name: _Key(
                 floor=int(key["floor"]), kept_floor=int(key["floor"]), retired=bool(key["retired"])
             )
-            for name, key in kept.items()
+            for name, key in file.read()["keys"].items()
         }
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise ConfigError(
-            f"{path}: numbers of the authenticated uplink cannot be read: {error}; "
+            f"{file.path}: numbers of the authenticated uplink cannot be read: {error}; "
             "give new keys and remove the file"
         ) from error

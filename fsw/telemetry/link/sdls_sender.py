@@ -32,16 +32,29 @@ from fsw.telemetry.link.sdls import (
 HEADER_BYTES = 7
 WHOLE_PACKETS = 0xE0  # construction rule 7, protocol 0: space packets
 AHEAD = 1 << 16  # numbers stored ahead: one write per 65536 frames
+RETRY = 1 << 8  # frames after which a failed write is repeated
+EPOCH_S = 946_684_800  # 2000-01-01T00:00:00Z: origin of the numbers that follow from the time
+PER_SECOND = 1 << 16  # numbers for each second of time: more than the frames that can be sent
+MAX_SECONDS = (1 << 31) - 1  # until 2068; a wrong clock leaves half of all numbers
 OVERHEAD_BYTES = HEADER_BYTES + SPI_BYTES + IV_BYTES + 1 + MAC_BYTES + FECF_BYTES
 Report = Callable[[str, str], None]  # event code, text
+
+
+def least_number(unix_s: float) -> int:
+    """Return the least first number of a run: above those of all runs that began before."""
+    return min(max(0, int(unix_s) - EPOCH_S), MAX_SECONDS) * PER_SECOND
 
 
 class FrameSender:
     """Encrypts and authenticates telemetry packets.
 
+    The first number is the larger of the stored one and the one that follows from the time of day.
+    So numbers rise over a restart also if they could not be stored, or if the clock went back.
+
     Parameters
     ----------
     numbers : stored IVs; if they cannot be stored, telemetry continues and an event reports that
+    unix_s : returns the time of day [s]
     """
 
     def __init__(
@@ -52,16 +65,22 @@ class FrameSender:
         spacecraft_id: int,
         virtual_channel: int,
         report: Report,
+        unix_s: Callable[[], float],
     ) -> None:
-        self._numbers, self._report = numbers, report
+        self._numbers, self._report, self._unix_s = numbers, report, unix_s
         self._spacecraft, self._channel = spacecraft_id, virtual_channel
+        self._following: dict[str, int] = {}  # next number by key; not below the stored one
+        self._has_failed = False
         self.use(association)
 
     def use(self, association: Association) -> None:
         """Use this key for all frames from now on."""
         self._association, self._cipher = association, AESGCM(association.key)
-        self._number = -(-self._numbers.floor(association.fingerprint) >> RANDOM_BITS)
-        self._kept = self._number  # numbers below this one are stored as used
+        name = association.fingerprint
+        stored = -(-self._numbers.floor(name) >> RANDOM_BITS)
+        used = self._following.get(name, 0)
+        self._following[name] = max(stored, used, least_number(self._unix_s()))
+        self._kept = self._following[name]  # numbers below this one are stored as used
 
     def seal(self, packet: bytes) -> bytes:
         """Return the frame of one packet."""
@@ -74,8 +93,9 @@ class FrameSender:
 
     def settle(self) -> None:
         """Store the exact next number, so that the next start skips none. Raises OSError."""
-        self._numbers.settle({self._association.fingerprint: self._number << RANDOM_BITS})
-        self._kept = self._number
+        name = self._association.fingerprint
+        self._numbers.settle({name: self._following[name] << RANDOM_BITS})
+        self._kept = self._following[name]
 
     def _header(self, size: int) -> bytes:
         header = PrimaryHeader(
@@ -90,15 +110,25 @@ class FrameSender:
 
     def _next_number(self) -> int:
         """Return the next number and count it as used."""
-        number, self._number = self._number, self._number + 1
+        name = self._association.fingerprint
+        number = self._following[name]
+        self._following[name] = number + 1
         if number >= self._kept:
-            self._kept = number + AHEAD  # a failed write is repeated at that number
-            used, kept = number << RANDOM_BITS, self._kept << RANDOM_BITS
-            try:
-                self._numbers.claim(self._association.fingerprint, used, kept)
-            except OSError as error:
-                self._report("TM_NUMBERS_FAILED", error.strerror or str(error))
+            self._keep(name, number)
         return number
+
+    def _keep(self, name: str, number: int) -> None:
+        """Store numbers ahead; repeat a failed write later, and report the first failure."""
+        used, ahead = number << RANDOM_BITS, number + AHEAD
+        try:
+            self._numbers.claim(name, used, ahead << RANDOM_BITS)
+        except OSError as error:
+            self._kept = number + RETRY
+            if not self._has_failed:
+                self._report("TM_NUMBERS_FAILED", error.strerror or str(error))
+            self._has_failed = True
+        else:
+            self._kept, self._has_failed = ahead, False
 
 
 def _masked(header: bytes, spi: bytes) -> bytes:

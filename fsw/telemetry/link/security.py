@@ -6,6 +6,7 @@ from pathlib import Path
 
 from fsw.config import Config
 from fsw.config.sdls import SdlsConfig
+from fsw.telemetry.link.rescue import Rescue
 from fsw.telemetry.link.sdls import Association, FrameReceiver, Role
 from fsw.telemetry.link.sdls_keys import load_associations
 from fsw.telemetry.link.sdls_numbers import NUMBERS_NAME, NumberStore
@@ -22,6 +23,7 @@ class Security:
     state : folder with the file of used numbers
     environment : environment variables, which name the folder of systemd credentials
     report : reports an event; its arguments are code and text
+    unix_s : returns the time of day [s]
 
     Raises
     ------
@@ -35,6 +37,7 @@ class Security:
         state: Path,
         environment: Mapping[str, str],
         report: Callable[[str, str], None],
+        unix_s: Callable[[], float],
     ) -> None:
         self._config, self._sdls, self._environment = config, sdls, environment
         self._report = report
@@ -46,6 +49,7 @@ class Security:
             spacecraft_id=sdls.spacecraft_id,
             virtual_channel=sdls.virtual_channel,
             window=sdls.window,
+            rescues=Rescue(),
         )
         self.sender: FrameSender | None = None
         for association in _downlink(associations):
@@ -55,9 +59,17 @@ class Security:
                 spacecraft_id=sdls.spacecraft_id,
                 virtual_channel=sdls.virtual_channel,
                 report=report,
+                unix_s=unix_s,
             )
         self._seen = 0
         self._quiet_ns = 0
+
+    def open(self) -> None:
+        """Make room on the disk for the numbers; report a failure, which later writes repeat."""
+        try:
+            self._numbers.prepare()
+        except OSError as error:
+            self._report("TC_NOT_KEPT", f"no room for frame numbers: {error.strerror or error}")
 
     def seal(self, packet: bytes) -> bytes:
         """Return the frame of a telemetry packet; without a telemetry key the packet itself."""

@@ -65,6 +65,10 @@ class TelemetryContext:
         """Return the origin of mission elapsed time."""
         return self.host.epoch()
 
+    def unix_s(self) -> float:
+        """Return the time of day [s]."""
+        return (self.host.now_ns() + self.host.epoch().utc_less_met_ns) * 1e-9
+
     def report(self, code: str, text: str) -> None:
         """Report an event of the application; a burst may be reduced to summaries."""
         self.reporter.report(code, text)

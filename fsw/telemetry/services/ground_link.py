@@ -53,6 +53,8 @@ class GroundLink:
 
     def open(self) -> None:
         """Open the ports of the link; report LINK_FAILED if that is impossible."""
+        if self.security is not None:
+            self.security.open()
         try:
             self.server = LinkServer(
                 self._config,

@@ -30,6 +30,8 @@ SET_BY = {
     "SERVICE_MEMORY": Health.SERVICE,
     "TC_AUTH_FAILED": Health.SECURITY,
     "TC_NOT_AUTHORISED": Health.SECURITY,
+    "TC_NOT_KEPT": Health.SECURITY,
+    "TM_NUMBERS_FAILED": Health.SECURITY,
 }
 
 

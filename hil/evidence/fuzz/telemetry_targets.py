@@ -101,6 +101,10 @@ class Unkept:
         """Mark all IVs up to `used` as used."""
         self.next = used + 1
 
+    def skip(self, fingerprint: str, used: int) -> None:  # noqa: ARG002
+        """Mark all IVs up to `used` as used."""
+        self.next = used + 1
+
     def settle(self, floors: Mapping[str, int]) -> None:
         """Do nothing."""
 

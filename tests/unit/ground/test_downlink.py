@@ -27,6 +27,7 @@ class Sealing(FrameSender):
             spacecraft_id=42,
             virtual_channel=3,
             report=lambda code, _text: self.events.append(code),
+            unix_s=lambda: 0.0,
         )
 
 

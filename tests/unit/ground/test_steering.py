@@ -97,6 +97,7 @@ def frame_sender(folder, key=TELEMETRY) -> FrameSender:
         spacecraft_id=42,
         virtual_channel=0,
         report=lambda *_: None,
+        unix_s=lambda: 0.0,
     )
 
 

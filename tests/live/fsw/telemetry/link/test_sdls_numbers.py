@@ -41,8 +41,17 @@ def wrapped(name, real):
         return result
     return call
 
-os.fsync = wrapped("fsync", os.fsync)
-Path.replace = wrapped("replace", Path.replace)
+def torn_pwrite(descriptor, data, offset):
+    global calls
+    calls += die_at == "in pwrite"
+    if die_at == "in pwrite" and calls == chance:
+        real_pwrite(descriptor, data[:len(data) // 3], offset)
+        os.kill(os.getpid(), signal.SIGKILL)
+    return real_pwrite(descriptor, data, offset)
+
+real_pwrite = os.pwrite
+os.pwrite = wrapped("pwrite", torn_pwrite)
+os.fdatasync = wrapped("fdatasync", os.fdatasync)
 receiver = FrameReceiver(
     [Association(spi=7, key=bytes(range(32)))], NumberStore(folder / "numbers.json"),
     spacecraft_id=42, virtual_channel=3, window=64)
@@ -56,10 +65,11 @@ for line in Path(frames).read_text().split():
     die("after use")
 """
 PLACES = [
-    "before fsync",
-    "after fsync",
-    "before replace",
-    "after replace",
+    "before pwrite",
+    "in pwrite",
+    "after pwrite",
+    "before fdatasync",
+    "after fdatasync",
     "before use",
     "after use",
 ]
@@ -82,14 +92,14 @@ def effects(folder: Path) -> list[int]:
 @pytest.mark.parametrize("place", PLACES)
 @pytest.mark.parametrize("chance", [1, 2, 3])
 def test_killed_anywhere_no_frame_has_an_effect_twice(tmp_path, place, chance):
-    killed = run_child(tmp_path, range(60), place, chance)
+    killed = run_child(tmp_path, range(80), place, chance)
     assert killed == -signal.SIGKILL
     once = effects(tmp_path)
-    assert run_child(tmp_path, range(120), "", 0) == 0
+    assert run_child(tmp_path, range(160), "", 0) == 0
     in_all = effects(tmp_path)
     assert len(in_all) == len(set(in_all)), "a frame had an effect twice"
     assert in_all[: len(once)] == once
-    assert set(range(90, 120)) <= set(in_all), "new ones are taken"
+    assert set(range(110, 160)) <= set(in_all), "new ones are taken"
 
 
 def uplink(store: NumberStore) -> FrameReceiver:
@@ -124,12 +134,19 @@ def test_a_number_that_cannot_be_kept_is_not_used(tmp_path, monkeypatch):
     def full(_descriptor):
         raise OSError(errno.ENOSPC, "No space left on device")
 
+    store.prepare()
     with monkeypatch.context() as broken:
-        broken.setattr(os, "fsync", full)
+        broken.setattr(os, "fdatasync", full)
         outcome = uplink(store).receive(Sender(key=KEY).frame(b"\x01", 0))
-        assert outcome.reason is Reason.REPLAY
+        assert outcome.reason is Reason.NOT_KEPT
         assert "No space left" in outcome.text
     assert isinstance(uplink(store).receive(Sender(key=KEY).frame(b"\x01", 0)), Accepted)
+
+
+def test_numbers_of_an_earlier_version_open_nothing(tmp_path):
+    (tmp_path / "numbers.json").write_text("{}")
+    with pytest.raises(ConfigError, match="earlier version"):
+        NumberStore(tmp_path / "numbers")
 
 
 def damaged_variants() -> list[bytes]:
