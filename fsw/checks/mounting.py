@@ -12,24 +12,18 @@ from scipy.spatial.transform import Rotation
 from fsw.config import Config
 from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.problem import CONSPICUOUS, Problem, present
+from fsw.estimators.model.state_groups import BY_NAME
 from fsw.messages import FloatArray
 
 PLACE_M, ANGLE_RAD = 10.0, np.pi  # 1 sigma of an unknown mounting
 DOUBT = {"mounting_position_sigma_m": 0.01, "mounting_angle_sigma_rad": 5e-3}  # instead of 0
-KEYS = {
-    "joint_zero": "zero_offset_rad of joints",
-    "torque_scale": "torque_gain of joints",
-    "wheel_scale": "axial inertia of wheels",
-    "thrust_scale": "force_n of thrusters",
-    "thrust_delay": "delay_s of thrusters",
-    "thrust_rise": "rise_s of thrusters",
-    "known": "masses and inertias of the robot's links",
-}
 
 
 def with_doubtful_mounting(config: Config, problem: Problem) -> Problem:
     """Return the problem with place and attitude of the inertial unit, if any, as states."""
-    if not config.imu.present or (present(problem.imu_place) and present(problem.imu_angle)):
+    if not config.imu.present or (
+        present(problem.at("imu_place")) and present(problem.at("imu_angle"))
+    ):
         return problem
     imu = config.imu.model_dump()
     imu |= {key: imu[key] or sigma for key, sigma in DOUBT.items()}
@@ -39,7 +33,7 @@ def with_doubtful_mounting(config: Config, problem: Problem) -> Problem:
 def with_free_mounting(problem: Problem) -> Problem:
     """Return the problem with a prior so wide that the inertial unit's mounting is unknown."""
     covariance = problem.prior_covariance.copy()
-    for states, sigma in ((problem.imu_place, PLACE_M), (problem.imu_angle, ANGLE_RAD)):
+    for states, sigma in ((problem.at("imu_place"), PLACE_M), (problem.at("imu_angle"), ANGLE_RAD)):
         covariance[states] = 0.0
         covariance[:, states] = 0.0
         covariance[states, states] = sigma**2 * np.eye(states.stop - states.start)
@@ -54,9 +48,9 @@ def contradicted(problem: Problem, x: FloatArray) -> str:
 
 def mounting_words(config: Config, problem: Problem, x: FloatArray) -> str:
     """Return words on wrong keys of the mounting and their likely values; empty: none is wrong."""
-    place, angle = x[problem.imu_place], x[problem.imu_angle]
+    place, angle = x[problem.at("imu_place")], x[problem.at("imu_angle")]
     root = np.sqrt(np.diag(problem.prior_covariance))
-    states = problem.imu_place, problem.imu_angle
+    states = problem.at("imu_place"), problem.at("imu_angle")
     sigmas = [float(np.max(np.abs(x[s]) / root[s], initial=0.0)) for s in states]
     told = []
     if sigmas[1] > CONSPICUOUS:
@@ -80,7 +74,6 @@ def other_words(problem: Problem, x: FloatArray) -> str:
     """Return words on the value of arm or calibration that is farthest from its prior."""
     name, sigmas = problem.least_plausible(x)
     kind, _, label = name.partition(".")
-    words = (
-        f"{KEYS.get(kind, kind)} ({label}) is estimated {sigmas:.0f} sigma from what is configured"
-    )
+    what = BY_NAME[kind].mistake or kind
+    words = f"{what} ({label}) is estimated {sigmas:.0f} sigma from what is configured"
     return f"{words}: it is wrong, or what looks like it, such as a link's mass or a delay"

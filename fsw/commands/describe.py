@@ -10,6 +10,7 @@ from fsw.config.devices import minute_walk
 from fsw.estimators.model.inertia import PARAMETERS
 from fsw.estimators.model.modes import modal_inertia
 from fsw.estimators.model.problem import Problem
+from fsw.estimators.model.state_groups import GROUPS
 
 
 def describe(config: Config, problem: Problem, costs: Sequence[str] = ()) -> str:
@@ -214,7 +215,7 @@ def _estimate(config: Config, problem: Problem) -> list[str]:
         f"{', ' + ', '.join(nuisances) if nuisances else ''}",
         f"in doubt, estimated along: {', '.join(_doubts(config, problem)) or 'nothing'}",
         f"taken as exact: {', '.join(_certain(config, problem)) or 'nothing'}",
-        f"effects that are off: {', '.join(_off(config)) or 'none'}",
+        f"effects that are off: {', '.join(_off(config, problem)) or 'none'}",
         f"valid after {estimator.settle_blocks} windows "
         f"({estimator.settle_blocks * estimator.window_s:g} s) at the earliest",
     ]
@@ -222,28 +223,18 @@ def _estimate(config: Config, problem: Problem) -> list[str]:
 
 def _doubts(config: Config, problem: Problem) -> list[str]:
     """Return the data of arm and sensors that are estimated too, with the largest prior sigma."""
-    joints, imu = config.joints, config.imu
     rates_hz = {bus.name: bus.rate_hz for bus in config.buses}
     known = {name.rpartition(".")[0] for name in problem.names if name.startswith("known.")}
     found = [f"{len(known)} known bodies"] if known else []
-    sizes = {
-        "torque_scale": ("torque scales", [j.torque_scale_sigma_ratio for j in joints]),
-        "joint_zero": ("zeros of joints [rad]", [j.zero_sigma_rad for j in joints]),
-        "joint_walk": (
-            "walks of integrated angles in a minute [rad]",
-            [minute_walk(j, rates_hz[j.bus]) for j in joints if j.speed_only],
-        ),
-        "imu_place": ("place of the inertial unit [m]", [imu.mounting_position_sigma_m]),
-        "imu_angle": ("its attitude [rad]", [imu.mounting_angle_sigma_rad]),
-        "gyro_scale": ("scales of its gyro", [imu.gyro_scale_sigma_ratio]),
-        "gyro_axes": ("axes of its gyro [rad]", [imu.gyro_axes_sigma_rad]),
-        "wheel_scale": ("inertia of wheels", [w.inertia_sigma_ratio for w in config.wheels]),
-        "thrust_scale": ("force of thrusters", [t.force_sigma_ratio for t in config.thrusters]),
-    }
-    states = _states(problem)
-    return found + [
-        f"{name} {max(sigmas):.3g}" for kind, (name, sigmas) in sizes.items() if kind in states
-    ]
+    sigmas = np.sqrt(np.diag(problem.prior_covariance))
+    for group in GROUPS:
+        states = problem.at(group.name)
+        if group.name == "joint_walk" and states.stop:
+            own = [minute_walk(j, rates_hz[j.bus]) for j in config.joints if j.speed_only]
+            found.append(f"{group.effect} in a minute [{group.unit}] {max(own):.3g}")
+        elif group.is_exact_if_absent and states.stop:
+            found.append(f"{group.title} {sigmas[states].max():.3g}")
+    return found
 
 
 def _states(problem: Problem) -> set[str]:
@@ -262,53 +253,33 @@ def _certain(config: Config, problem: Problem) -> list[str]:
         "links": len(links) == len(joints),
         f"links of {', '.join(links)}": 0 < len(links) < len(joints),
         "base": not {"base"} & {*problem.unknown, *bodies} and config.base.motion != "clamped",
-        "torque scales": "torque_scale" not in states,
-        "zeros of joints": "joint_zero" not in states,
-        "place of the inertial unit": config.imu.present and "imu_place" not in states,
-        "its attitude": config.imu.present and "imu_angle" not in states,
-        "scales of its gyro": config.imu.present and "gyro_scale" not in states,
-        "axes of its gyro": config.imu.present and "gyro_axes" not in states,
-        "inertia of wheels": len(config.wheels) > 0 and "wheel_scale" not in states,
-        "force of thrusters": len(config.thrusters) > 0 and "thrust_scale" not in states,
+        **{
+            group.effect: group.name not in states and group.applies_to(config)
+            for group in GROUPS
+            if group.is_exact_if_absent and group.name != "known"
+        },
     }
     return [name for name, is_exact in exact.items() if is_exact]
 
 
-def _off(config: Config) -> list[str]:
+def _off(config: Config, problem: Problem) -> list[str]:
     """Return the effects that the model leaves out, each with the key that would add it.
 
     If an effect is configured for some joints only, the other joints are named. Effects that cannot
     occur, such as the momentum of a clamped base, are not listed.
     """
-    imu, estimator, motion = config.imu, config.estimator, config.base.motion
-    off = []
-    for name, key in (
-        ("Coulomb friction", "friction_coulomb_sigma_nm"),
-        ("viscous friction", "friction_viscous_sigma_nms_rad"),
-        ("torque that no model has", "torque_model_sigma_nm"),
-        ("torque offsets", "torque_offset_sigma_nm"),
-    ):
-        without = [joint.name for joint in config.joints if not getattr(joint, key)]
-        if without:
-            where = "" if len(without) == len(config.joints) else f" at {', '.join(without)}"
-            off.append(f"{name}{where} (joints[].{key})")
-    effects = {
-        "bias of accelerometer (imu.acc_bias_sigma_m_s2)": (
-            imu.present and not imu.acc_bias_sigma_m_s2
-        ),
-        "bias of gyro (imu.gyro_bias_sigma_rad_s)": imu.present and not imu.gyro_bias_sigma_rad_s,
-        "constant wrench on the target (estimator.target_*)": not (
-            estimator.target_force_sigma_n or estimator.target_torque_sigma_nm
-        ),
-    }
-    if motion != "clamped":
-        effects |= {
-            "momentum (estimator.momentum_sigma_nms)": not estimator.momentum_sigma_nms,
-            "constant wrench on the base (estimator.external_*)": not (
-                estimator.external_force_sigma_n or estimator.external_torque_sigma_nm
-            ),
-            "reaction wheels (wheels)": not config.wheels,
-        }
+    estimator, motion = config.estimator, config.base.motion
+    groups = [g for g in GROUPS if g.applies_to(config) and not g.is_exact_if_absent]
+    groups.sort(key=lambda group: not group.joint_key)  # joints first
+    off = [
+        f"{group.effect}{_where(config, group.joint_key)} ({group.key})"
+        for group in groups
+        if not problem.at(group.name).stop or _where(config, group.joint_key)
+    ]
+    if not all(joint.torque_model_sigma_nm for joint in config.joints):
+        where = _where(config, "torque_model_sigma_nm")
+        off.append(f"torque that no model has{where} (joints[].torque_model_sigma_nm)")
+    effects = {"reaction wheels (wheels)": motion != "clamped" and not config.wheels}
     if motion == "free":
         effects |= {
             "unknown firings, contact of the target (estimator.outside_wrench)": (
@@ -329,6 +300,12 @@ def _off(config: Config) -> list[str]:
                 "mass and is in its sigma (modes)"
             )
     return off
+
+
+def _where(config: Config, key: str) -> str:
+    """Return the joints without a key, in words; empty if it is no joint's, or no joint has it."""
+    without = [joint.name for joint in config.joints if key and not getattr(joint, key)]
+    return f" at {', '.join(without)}" if 0 < len(without) < len(config.joints) else ""
 
 
 def _telemetry(config: Config) -> list[str]:

@@ -17,6 +17,7 @@ from fsw.estimators.model.building import build_problem, joint_order
 from fsw.estimators.model.inertia import PARAMETERS
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.model.robot import RobotModel
+from fsw.estimators.model.state_groups import GROUPS
 from fsw.excitation.left_out import (
     Information,
     Shift,
@@ -33,37 +34,6 @@ from fsw.messages import FloatArray, IntArray
 
 LOW_ORBIT_RAD_S = 1.16e-3  # mean motion at 300 km
 FIRING_S = 1.0
-STATES = {  # by kind of state: name of the effect, configuration key, unit
-    "friction_coulomb": ("Coulomb friction", "joints[].friction_coulomb_sigma_nm", "N m"),
-    "friction_viscous": (
-        "viscous friction",
-        "joints[].friction_viscous_sigma_nms_rad",
-        "N m s/rad",
-    ),
-    "torque_offset": ("torque offsets", "joints[].torque_offset_sigma_nm", "N m"),
-    "torque_scale": ("torque scales", "joints[].torque_scale_sigma_ratio", ""),
-    "joint_zero": ("zeros of joints", "joints[].zero_sigma_rad", "rad"),
-    "joint_walk": ("walks of integrated angles", "joints[].speed_noise_rad_s", "rad"),
-    "known": ("errors of known bodies", "robot.links_sigma_ratio", ""),
-    "imu_place": ("place of the inertial unit", "imu.mounting_position_sigma_m", "m"),
-    "imu_angle": ("its attitude", "imu.mounting_angle_sigma_rad", "rad"),
-    "gyro_scale": ("scales of the gyro", "imu.gyro_scale_sigma_ratio", ""),
-    "gyro_axes": ("axes of the gyro that lean", "imu.gyro_axes_sigma_rad", "rad"),
-    "acc_bias": ("bias of accelerometer", "imu.acc_bias_sigma_m_s2", "m/s^2"),
-    "gyro_bias": ("bias of gyro", "imu.gyro_bias_sigma_rad_s", "rad/s"),
-    "momentum": ("momentum", "estimator.momentum_sigma_nms", "N m s"),
-    "wrench": ("constant wrench on the base", "estimator.external_*", "N, N m"),
-    "target_wrench": ("constant wrench on the target", "estimator.target_*", "N, N m"),
-    "wheel_scale": ("inertia of wheels", "wheels[].inertia_sigma_ratio", ""),
-    "wheel_delay": ("delay of wheels", "wheels[].delay_sigma_s", "s"),
-    "thrust_scale": ("force of thrusters", "thrusters[].force_sigma_ratio", ""),
-    "thrust_delay": ("delay of thrusters", "thrusters[].delay_sigma_s", "s"),
-    "thrust_rise": ("rise of thrusters", "thrusters[].rise_sigma_s", "s"),
-    "mode_mass": ("mass of modes", "modes[].mass_sigma_ratio", ""),
-    "mode_frequency": ("frequency of modes", "modes[].frequency_sigma_ratio", ""),
-    "mode_damping": ("damping of modes", "modes[].damping_sigma_ratio", ""),
-    "mode_start": ("modes that swing already when the motion begins", "modes[].amplitude_*", ""),
-}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,22 +78,10 @@ def undeclared(config: Config, problem: Problem) -> list[str]:
     """Return the effects without a declared size, each with the key that would declare the size."""
     full = build_problem(with_sizes(config, problem.model), problem.model)
     kinds = {name.partition(".")[0] for name in full.names}
-    impossible = {
-        "imu": not config.imu.present,
-        "acc": not config.imu.present,
-        "gyro": not config.imu.present,
-        "momentum": config.base.motion == "clamped",
-        "wrench": config.base.motion == "clamped",
-        "wheel": not config.wheels,
-        "thrust": not config.thrusters,
-        "mode": not config.modes,
-        "joint_walk": not any(joint.speed_only for joint in config.joints),
-    }
     found = [
-        f"{words} ({key})"
-        for kind, (words, key, _) in STATES.items()
-        if kind not in kinds
-        and not (impossible.get(kind) or impossible.get(kind.partition("_")[0]))
+        f"{group.effect} ({group.key})"
+        for group in GROUPS
+        if group.name not in kinds and group.applies_to(config)
     ]
     if config.base.motion == "free":
         sections = ("wheels", "thrusters", "modes")
@@ -195,16 +153,19 @@ def _of_states(flight: _Flight) -> Iterator[Cost]:
     kinds = np.array([name.partition(".")[0] for name in full.names])
     used = np.isin(full.names, problem.names)
     sizes = np.sqrt(np.diag(full.prior_covariance))
-    for kind, (words, key, unit) in STATES.items():
+    for group in GROUPS:
+        kind = group.name
         for is_modelled in (False, True):
             states: IntArray = np.flatnonzero((kinds == kind) & (used == is_modelled))
             if not len(states):
                 continue
             apart = np.flatnonzero(~used & (kinds != kind))
             size = config.robot.links_sigma_ratio if kind == "known" else sizes[states].max()
-            amount = _amplitudes(config) if kind == "mode_start" else f"{size:.3g} {unit}".rstrip()
-            told = f"{words}, {amount}"
-            yield _cost(full, own.without(states, apart), told, key, is_modelled=is_modelled)
+            amount = (
+                _amplitudes(config) if kind == "mode_start" else f"{size:.3g} {group.unit}".rstrip()
+            )
+            told = f"{group.effect}, {amount}"
+            yield _cost(full, own.without(states, apart), told, group.key, is_modelled=is_modelled)
 
 
 def _amplitudes(config: Config) -> str:

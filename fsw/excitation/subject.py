@@ -120,8 +120,8 @@ def build_subject(
         T[k, k] = report_jacobian(x[k])
     sigma = np.sqrt(np.diag(T @ covariance[:p, :p] @ T.T))
     scale = Scale(T=T, prior_sigma=sigma, weights=_weights(names, weights or {}))
-    apart = (problem.wrench, problem.target_wrench)
-    w = np.r_[(*apart, problem.friction_coulomb, problem.friction_viscous)]
+    apart = (problem.at("wrench"), problem.at("target_wrench"))
+    w = np.r_[(*apart, problem.at("friction_coulomb"), problem.at("friction_viscous"))]
     root, wide = (
         prior_root(np.delete(np.delete(known, w, 0), w, 1))
         for known in (covariance, problem.prior_covariance)

@@ -11,31 +11,13 @@ from scipy.spatial.transform import Rotation
 
 from fsw.config import Config
 from fsw.estimators.measurement.mounting import LEANING
+from fsw.estimators.model.state_groups import BY_NAME
 from fsw.estimators.parameter_verdicts import DATA_GAIN, MEASURED, PRIOR
 from fsw.estimators.rotation import rotation_from_xyzw
 from fsw.messages import FloatArray
 
 AXES = "xyz"
 PLACES = {"gyro_axes": ("xy", "xz", "yz")}  # names of the three figures if not x, y, z
-UNITS = {
-    "torque_offset": "N m",
-    "torque_scale": "1",
-    "gyro_bias": "rad/s",
-    "acc_bias": "m/s^2",
-    "imu_angle": "rad",
-    "imu_place": "m",
-    "gyro_scale": "1",
-    "gyro_axes": "rad",
-    "delay": "s",
-}
-SIGMA_KEYS = {  # keys of `imu` that state the sigma of a kind
-    "gyro_bias": "gyro_bias_sigma_rad_s",
-    "acc_bias": "acc_bias_sigma_m_s2",
-    "imu_angle": "mounting_angle_sigma_rad",
-    "imu_place": "mounting_position_sigma_m",
-    "gyro_scale": "gyro_scale_sigma_ratio",
-    "gyro_axes": "gyro_axes_sigma_rad",
-}
 
 DELAY_KEYS = {"gyro": "gyro_group_delay_s", "accelerometer": "acc_group_delay_s"}
 
@@ -44,7 +26,7 @@ DELAY_KEYS = {"gyro": "gyro_group_delay_s", "accelerometer": "acc_group_delay_s"
 class Figure:
     """One found value less the configured one; biases in S of the unit, mounting in B."""
 
-    kind: str  # a key of UNITS
+    kind: str  # a group of states, or delay
     which: str  # joint, axis or sensor
     value: float
     sigma: float
@@ -55,6 +37,11 @@ class Figure:
     def name(self) -> str:
         """Kind and place, such as `gyro_bias.x`."""
         return f"{self.kind}.{self.which}"
+
+    @property
+    def unit(self) -> str:
+        """The unit of value and sigma; 1 for a ratio."""
+        return "s" if self.kind == "delay" else BY_NAME[self.kind].unit or "1"
 
     @property
     def verdict(self) -> str:
@@ -91,7 +78,7 @@ def table(figures: Sequence[Figure]) -> list[str]:
     width = max(len(figure.name) for figure in figures)
     return [
         f"{figure.name:<{width}} {figure.value:>+12.5g} +- {figure.sigma:<8.2g} "
-        f"{UNITS[figure.kind]:<5} {figure.verdict}{_words(figure)}"
+        f"{figure.unit:<5} {figure.verdict}{_words(figure)}"
         for figure in figures
     ]
 
@@ -109,7 +96,7 @@ def to_json(figures: Iterable[Figure]) -> list[dict[str, Any]]:
             "name": figure.name,
             "value": figure.value,
             "sigma": figure.sigma,
-            "unit": UNITS[figure.kind],
+            "unit": figure.unit,
             "verdict": figure.verdict,
         }
         for figure in figures
@@ -200,7 +187,8 @@ def _vector(kind: str, used: dict[str, Figure]) -> FloatArray | None:
 def _sigma(kind: str, used: dict[str, Figure]) -> dict[str, float]:
     """Return key and largest sigma of the three axes; empty unless all axes are measured."""
     own = [used.get(f"{kind}.{axis}") for axis in PLACES.get(kind, AXES)]
-    return {SIGMA_KEYS[kind]: max(f.sigma for f in own if f)} if all(own) else {}
+    key = BY_NAME[kind].key.removeprefix("imu.")
+    return {key: max(f.sigma for f in own if f)} if all(own) else {}
 
 
 def sensor_axes(config: Config) -> FloatArray:

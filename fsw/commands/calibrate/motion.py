@@ -19,6 +19,7 @@ from fsw.estimators.measurement.row_functions import Linearisation, row_function
 from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.problem import Problem, present
 from fsw.estimators.model.robot import RobotModel
+from fsw.estimators.model.state_groups import BY_NAME
 from fsw.estimators.rotation import rotation_from_xyzw
 from fsw.messages import Block, FloatArray, Window
 from fsw.messages.errors import EstimatorError
@@ -136,10 +137,8 @@ def _figures(
     joints = {joint.name: joint for joint in config.joints}
     sigma = np.sqrt(np.diag(covariance))
     found = []
-    for kind, states, key in (
-        ("torque_offset", problem.torque_offset, "torque_offset_sigma_nm"),
-        ("torque_scale", problem.torque_scale, "torque_scale_sigma_ratio"),
-    ):
+    for kind in ("torque_offset", "torque_scale"):
+        states, key = problem.at(kind), BY_NAME[kind].joint_key
         for k, name in zip(
             range(states.start, states.stop), problem.model.joint_names, strict=True
         ):
@@ -147,14 +146,8 @@ def _figures(
                 known = _known(joints[name], key)
                 value, own = float(mean[k]), float(sigma[k])
                 found.append(Figure(kind=kind, which=name, value=value, sigma=own, known=known))
-    for kind, states, key in (
-        ("gyro_bias", problem.gyro_bias, "gyro_bias_sigma_rad_s"),
-        ("acc_bias", problem.acc_bias, "acc_bias_sigma_m_s2"),
-        ("imu_angle", problem.imu_angle, "mounting_angle_sigma_rad"),
-        ("imu_place", problem.imu_place, "mounting_position_sigma_m"),
-        ("gyro_scale", problem.gyro_scale, "gyro_scale_sigma_ratio"),
-        ("gyro_axes", problem.gyro_axes, "gyro_axes_sigma_rad"),
-    ):
+    for kind in ("gyro_bias", "acc_bias", "imu_angle", "imu_place", "gyro_scale", "gyro_axes"):
+        states, key = problem.at(kind), BY_NAME[kind].key.removeprefix("imu.")
         if present(states):
             R = sensor_axes(config) if "bias" in kind else np.eye(3)
             known = _known(config.imu, key)

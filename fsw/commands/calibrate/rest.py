@@ -154,7 +154,7 @@ def _expected(
     x = problem.prior_mean
     at = predict(blocks[len(blocks) // 2], x, problem, "momentum")
     P = problem.prior_covariance.copy()
-    for own in (problem.torque_offset, problem.acc_bias, problem.gyro_bias):
+    for own in (problem.at("torque_offset"), problem.at("acc_bias"), problem.at("gyro_bias")):
         if present(own):
             P[own] = 0.0
             P[:, own] = 0.0

@@ -15,7 +15,8 @@ from fsw.commands.residuals import ChannelResiduals, channel_residuals
 from fsw.commands.span import WHOLE, Span
 from fsw.config import Config
 from fsw.estimators.model.inertia import report_jacobian
-from fsw.estimators.model.problem import Problem
+from fsw.estimators.model.problem import IndexArray, Problem
+from fsw.estimators.model.state_groups import group_of
 from fsw.estimators.pipeline import default_pipeline
 from fsw.estimators.plausible import plausible
 from fsw.estimators.recursive.online import OnlineEstimator
@@ -174,7 +175,7 @@ def sigma_shares(
     By quantity of the unknown bodies, such as `target.mass_kg`, and by cause: share of the variance
     in [0, 1]. Shares of correlated causes overlap; noise of the sensors is the unexplained rest.
     """
-    causes = {name: np.r_[places] for name, places in _causes(problem).items() if _size(places)}
+    causes = _causes(problem)
     shares: dict[str, dict[str, float]] = {}
     for body in problem.unknown:
         own = problem.body(body)
@@ -191,30 +192,14 @@ def sigma_shares(
     return shares
 
 
-def _causes(problem: Problem) -> dict[str, slice]:
-    return {
-        "inertial data of known bodies and links": problem.known,
-        "torque offsets": problem.torque_offset,
-        "torque scale": problem.torque_scale,
-        "accelerometer bias": problem.acc_bias,
-        "gyro bias": problem.gyro_bias,
-        "joint zeros": problem.joint_zero,
-        "inertial unit's place": problem.imu_place,
-        "inertial unit's attitude": problem.imu_angle,
-        "gyro's scales and axes": slice(problem.gyro_scale.start, problem.gyro_axes.stop),
-        "friction in the torque sensors": slice(
-            problem.friction_coulomb.start, problem.friction_viscous.stop
-        ),
-        "inertia of wheels": problem.wheel_scale,
-        "thrusters": slice(problem.thrust_scale.start, problem.thrust_rise.stop),
-        "modes of the base": slice(problem.mode_mass.start, problem.mode_start.stop),
-        "momentum": problem.momentum,
-        "external wrench": problem.wrench,
-    }
-
-
-def _size(places: slice) -> int:
-    return max(0, (places.stop or 0) - (places.start or 0))
+def _causes(problem: Problem) -> dict[str, IndexArray]:
+    """Return the states by the cause under which their group counts."""
+    found: dict[str, list[int]] = {}
+    for k in range(problem.bodies.stop, len(problem.names)):
+        group = group_of(problem.names[k])
+        if group is not None:
+            found.setdefault(group.cause or group.effect, []).append(k)
+    return {cause: np.array(states) for cause, states in found.items()}
 
 
 def versions() -> dict[str, str]:

@@ -15,14 +15,9 @@ import numpy as np
 from fsw.estimators.batch.settle import settle
 from fsw.estimators.measurement.row_functions import Linearisation, row_function
 from fsw.estimators.model.problem import IMPLAUSIBLE, IndexArray, Problem
+from fsw.estimators.model.state_groups import GROUPS
 from fsw.messages import Block
 from fsw.messages.errors import NUMERICAL, EstimatorError, unforeseen
-
-REPEATED = (
-    *("known", "torque_scale", "joint_zero", "imu_place", "imu_angle"),
-    *("gyro_scale", "gyro_axes"),
-    *("friction_coulomb", "friction_viscous"),
-)
 
 
 def without_bodies(problem: Problem) -> Problem:
@@ -36,7 +31,8 @@ def without_bodies(problem: Problem) -> Problem:
 
 def repeated(problem: Problem) -> IndexArray:
     """Return the states that two runs have in common."""
-    common = {"base", *REPEATED} if "base" in problem.unknown else set(REPEATED)
+    common = {group.name for group in GROUPS if group.is_repeated}
+    common |= {"base"} & set(problem.unknown)
     kinds = [name.partition(".")[0] for name in problem.names]
     return np.array([k for k, kind in enumerate(kinds) if kind in common], dtype=np.intp)
 

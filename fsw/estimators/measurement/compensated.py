@@ -125,8 +125,8 @@ def block_sums(block: Block, x: FloatArray, problem: Problem) -> CompensatedSums
     )
     if wheels is not None:
         X[:, 3:6, p] -= wheels.moment(w)
-        if present(problem.gyro_bias):
-            X[:, 3:6, problem.gyro_bias] -= wheels.by_rate()
+        if present(problem.at("gyro_bias")):
+            X[:, 3:6, problem.at("gyro_bias")] -= wheels.by_rate()
     white = solve_triangular(L, X.reshape(size, p + 1), lower=True)
     body = [*range(k.stop), p]
     D[..., -1] *= -1.0  # the known part stands on the measured side
@@ -177,20 +177,22 @@ def _nuisance_columns(
     """
     n = problem.model.n
     x, w, acceleration = at
-    if present(problem.torque_offset):
-        X[:, 6:, problem.torque_offset] = np.eye(n)
+    if present(problem.at("torque_offset")):
+        X[:, 6:, problem.at("torque_offset")] = np.eye(n)
     friction.fill_columns(X[:, 6:], BlockStack((block,)), problem)
-    if present(problem.torque_scale):
-        X[:, 6:, problem.torque_scale] = block.tau_nm[:, :, None] * np.eye(n)
-    if present(problem.acc_bias):
-        X[:, :, problem.acc_bias] = -H_acc
-    if present(problem.gyro_bias):
+    if present(problem.at("torque_scale")):
+        X[:, 6:, problem.at("torque_scale")] = block.tau_nm[:, :, None] * np.eye(n)
+    if present(problem.at("acc_bias")):
+        X[:, :, problem.at("acc_bias")] = -H_acc
+    if present(problem.at("gyro_bias")):
         problem.model.set_parameters(problem.pi(x))
         lever = skew(problem.p_BS_m)
-        X[:, :, problem.gyro_bias] = -H_acc @ (skew(cross(w, problem.p_BS_m)) + skew(w) @ lever)
+        X[:, :, problem.at("gyro_bias")] = -H_acc @ (
+            skew(cross(w, problem.p_BS_m)) + skew(w) @ lever
+        )
         for i, (q, qd) in enumerate(zip(block.q_rad, block.qd_rad_s, strict=True)):
             C = problem.model.bias_derivative(q, w[i], qd, acceleration[i])
-            X[i, :, problem.gyro_bias] -= C[:, 3:6]
+            X[i, :, problem.at("gyro_bias")] -= C[:, 3:6]
     if pulled(problem):
         X[:, :, : len(x)] -= external_force(block, x, problem)[1]
 

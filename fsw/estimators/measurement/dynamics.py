@@ -63,8 +63,8 @@ def dynamics(
     Y_h = None
     if rate == "measured":
         nu[:, 3:6] = s.w_NB_B_rad_s
-        if present(problem.gyro_bias):
-            nu[:, 3:6] -= x[problem.gyro_bias]
+        if present(problem.at("gyro_bias")):
+            nu[:, 3:6] -= x[problem.at("gyro_bias")]
         nu[:, 3:6] = nu[:, 3:6] @ gyro_turn(x, problem).T
     else:
         Y_h = model.momentum_regressors(q, nu)[:, :6] @ problem.U
@@ -87,7 +87,7 @@ def dynamics(
     if Y_field is not None:
         Y -= Y_field
     by_angle = h_by_angle = None
-    if s.angles_are_noisy or present(problem.joint_zero) or present(problem.mode_start):
+    if s.angles_are_noisy or present(problem.at("joint_zero")) or present(problem.at("mode_start")):
         by_angle, h_by_angle = np.empty((N, 6 + n, n)), np.empty((N, 6, n))
         for i in range(N):
             by_angle[i] = model.angle_derivative(q[i], w[i], qd[i], a[i])

@@ -85,9 +85,9 @@ def stacked_energy_rows(s: BlockStack, x: FloatArray, problem: Problem) -> list[
         moved = (N[:, 3:].transpose(0, 2, 1) @ turned.hd_nm[:, :, None])[:, :, 0]
     work, tau = half_s[:, None, None] * value, s.tau_nm
     J = -slope @ s.by_block(J_T) - work @ s.by_block(J_P)
-    if present(problem.torque_offset):
-        tau = tau - x[problem.torque_offset]
-        J[:, :, problem.torque_offset] += work @ s.by_block(s.qd_rad_s)
+    if present(problem.at("torque_offset")):
+        tau = tau - x[problem.at("torque_offset")]
+        J[:, :, problem.at("torque_offset")] += work @ s.by_block(s.qd_rad_s)
     tau = tau - friction.torque(s, x, problem)[0]
     by_state = np.zeros((B * m, n, len(x)))
     friction.fill_columns(by_state, s, problem)
@@ -146,15 +146,15 @@ class _Turned:
 def _turned(s: BlockStack, x: FloatArray, problem: Problem, H_bb: FloatArray) -> _Turned | None:
     """Return the share of wheels and momentum at the nodes; None if there is neither."""
     wheels = turning(s, x, problem)
-    if wheels is None and not present(problem.momentum):
+    if wheels is None and not present(problem.at("momentum")):
         return None
     p, hd_nm, J_p = *np.zeros((2, len(s.q_rad), 3)), np.zeros((len(s.q_rad), 3, len(x)))
     if wheels is not None:
         p, hd_nm, J_p = -wheels.h_nms, wheels.hd_nm, -wheels.J_h
-    if present(problem.momentum):
+    if present(problem.at("momentum")):
         R_BN = s.R_NB.transpose(0, 2, 1)
-        p = p + R_BN @ x[problem.momentum]
-        J_p[:, :, problem.momentum] += R_BN
+        p = p + R_BN @ x[problem.at("momentum")]
+        J_p[:, :, problem.at("momentum")] += R_BN
     inverse = np.asarray(np.linalg.solve(H_bb, np.eye(6)), np.float64)
     by_momentum = (inverse[:, :, 3:] @ p[:, :, None])[:, :, 0]
     energy_j = 0.5 * np.einsum("ij,ij->i", by_momentum[:, 3:], p)

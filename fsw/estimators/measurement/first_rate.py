@@ -18,14 +18,14 @@ def at_first_rate(block: Block, x: FloatArray, problem: Problem) -> FloatArray:
     The predicted rate is affine in the momentum, so one step is exact. The state is unchanged if
     momentum is not estimated, rate or attitude are missing, or the bodies have no inertia.
     """
-    if not (present(problem.momentum) and block.has_gyro and block.has_attitude):
+    if not (present(problem.at("momentum")) and block.has_gyro and block.has_attitude):
         return x
     try:
         at = predict(block, x, problem)
-        J = at.J_w[:, :, problem.momentum].reshape(-1, 3)
+        J = at.J_w[:, :, problem.at("momentum")].reshape(-1, 3)
         step = np.linalg.lstsq(J, (block.w_NB_B_rad_s - at.w_rad_s).ravel(), rcond=None)[0]
     except NUMERICAL:
         return x
     found = x.copy()
-    found[problem.momentum] += step
+    found[problem.at("momentum")] += step
     return found if np.isfinite(found).all() else x

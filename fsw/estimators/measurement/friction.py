@@ -19,12 +19,12 @@ def torque(s: BlockStack, x: FloatArray, problem: Problem) -> tuple[FloatArray, 
     The derivative serves for the noise of rates only; the neighbouring nodes' share is left out.
     """
     friction, by_rate = np.zeros_like(s.qd_rad_s), np.zeros_like(s.qd_rad_s)
-    if present(problem.friction_viscous):
-        viscous = x[problem.friction_viscous]
+    if present(problem.at("friction_viscous")):
+        viscous = x[problem.at("friction_viscous")]
         friction += viscous * s.qd_rad_s
         by_rate += viscous
-    if present(problem.friction_coulomb):
-        coulomb = x[problem.friction_coulomb]
+    if present(problem.at("friction_coulomb")):
+        coulomb = x[problem.at("friction_coulomb")]
         shape, slope = _shape(s, problem)
         friction += coulomb * shape
         by_rate += coulomb * slope
@@ -34,10 +34,10 @@ def torque(s: BlockStack, x: FloatArray, problem: Problem) -> tuple[FloatArray, 
 def fill_columns(J: FloatArray, s: BlockStack, problem: Problem) -> None:
     """Add the derivatives by the friction's states to torque rows J (N, n, p)."""
     diagonal = np.eye(s.n)
-    if present(problem.friction_viscous):
-        J[:, :, problem.friction_viscous] += s.qd_rad_s[:, :, None] * diagonal
-    if present(problem.friction_coulomb):
-        J[:, :, problem.friction_coulomb] += _shape(s, problem)[0][:, :, None] * diagonal
+    if present(problem.at("friction_viscous")):
+        J[:, :, problem.at("friction_viscous")] += s.qd_rad_s[:, :, None] * diagonal
+    if present(problem.at("friction_coulomb")):
+        J[:, :, problem.at("friction_coulomb")] += _shape(s, problem)[0][:, :, None] * diagonal
 
 
 def _shape(s: BlockStack, problem: Problem) -> tuple[FloatArray, FloatArray]:

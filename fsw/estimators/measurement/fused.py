@@ -70,29 +70,32 @@ def predict(
     D_w, J = D[:, : n + 3, n : n + 3], D[:, :, 2 * n + 3 :]
     single = [gains for gains in (D, D_q, D_start) if gains is not None]
     every = [*single, *(() if D_wheel is None else D_wheel)]
-    if any(present(own) for own in (problem.imu_angle, problem.gyro_scale, problem.gyro_axes)):
+    if any(
+        present(own)
+        for own in (problem.at("imu_angle"), problem.at("gyro_scale"), problem.at("gyro_axes"))
+    ):
         f, w = _as_read((f, w), D, every, x, problem, rate)
     lost, by_rate = friction.torque(s, x, problem)
     tau = tau + lost
     D[:, :n, n + 3 : 2 * n + 3] += by_rate[:, :, None] * np.eye(n)
     friction.fill_columns(J[:, :n], s, problem)
-    if present(problem.torque_scale):
-        gain = 1.0 + x[problem.torque_scale]
+    if present(problem.at("torque_scale")):
+        gain = 1.0 + x[problem.at("torque_scale")]
         for gains in every:
             gains[:, :n] *= gain[:, None]
-        J[:, :n, problem.torque_scale] += tau[:, :, None] * np.eye(n)
+        J[:, :n, problem.at("torque_scale")] += tau[:, :, None] * np.eye(n)
         tau = tau * gain
     if D_q is not None:
         fill_angle_columns(J, D_q, s, problem)
-    if present(problem.torque_offset):
-        tau = tau + x[problem.torque_offset]
-        J[:, :n, problem.torque_offset] += np.eye(n)
-    if present(problem.acc_bias):
-        f = f + x[problem.acc_bias]
-        J[:, n : n + 3, problem.acc_bias] += np.eye(3)
-    if present(problem.gyro_bias):
-        w = w + x[problem.gyro_bias]
-        J[:, n + 3 :, problem.gyro_bias] += np.eye(3)
+    if present(problem.at("torque_offset")):
+        tau = tau + x[problem.at("torque_offset")]
+        J[:, :n, problem.at("torque_offset")] += np.eye(n)
+    if present(problem.at("acc_bias")):
+        f = f + x[problem.at("acc_bias")]
+        J[:, n : n + 3, problem.at("acc_bias")] += np.eye(3)
+    if present(problem.at("gyro_bias")):
+        w = w + x[problem.at("gyro_bias")]
+        J[:, n + 3 :, problem.at("gyro_bias")] += np.eye(3)
     return Prediction(
         tau_nm=tau,
         f_m_s2=f,
@@ -129,8 +132,8 @@ def _ideal(
     f = d.a @ lever.T + w * (w @ r)[:, None] - np.sum(w * w, axis=1)[:, None] * r - G @ r
     D = state_gains(s, x, problem, d, J_L, r)
     D_w = D[:, : n + 3, n : n + 3]
-    if present(problem.imu_place):
-        D[:, n : n + 3, 2 * n + 3 :][:, :, problem.imu_place] += by_place(d.a[:, 3:], w) - G
+    if present(problem.at("imu_place")):
+        D[:, n : n + 3, 2 * n + 3 :][:, :, problem.at("imu_place")] += by_place(d.a[:, 3:], w) - G
     D_q, D_wheel = angle_gain(d, D_w, r, rate), wheel_gain(d, D_w, r, rate)
     return Channels(d.force, f, w, D, D_q, D_wheel, after)
 
@@ -152,8 +155,8 @@ def _as_read(
     for k, M, true in zip(places, to_read, channels, strict=False):
         for gains in every:
             gains[:, k] = M @ gains[:, k]
-        if present(problem.imu_angle):
-            J[:, k, problem.imu_angle] += M @ skew(true) @ by_angle
+        if present(problem.at("imu_angle")):
+            J[:, k, problem.at("imu_angle")] += M @ skew(true) @ by_angle
     if rate != "measured":
         w, by_rate = channels[1], np.broadcast_to(-to_read[1], (len(D), 3, 3))
         fill_gyro_columns(J[:, n + 3 :], by_rate, w, x, problem)
@@ -170,7 +173,7 @@ def _momentum(
     """
     N = len(s.q_rad)
     after: tuple[Impulse | None, ...] = (None,) * len(s.blocks)
-    if not needed(problem) and not present(problem.momentum):
+    if not needed(problem) and not present(problem.at("momentum")):
         return np.zeros((N, 3)), None, after
     L_N, J = np.zeros((N, 3)), np.zeros((N, 3, len(x)))
     if needed(problem):
@@ -180,9 +183,9 @@ def _momentum(
             L_N[k], J[k], before = momentum_at_nodes(block, x, problem, G[k], before)
             ends.append(before)
         after = tuple(ends)
-    if present(problem.momentum):
-        L_N = L_N + x[problem.momentum]
-        J[:, :, problem.momentum] += np.eye(3)
+    if present(problem.at("momentum")):
+        L_N = L_N + x[problem.at("momentum")]
+        J[:, :, problem.at("momentum")] += np.eye(3)
     R_BN = s.R_NB.transpose(0, 2, 1)
     return times(R_BN, L_N), R_BN @ J, after
 

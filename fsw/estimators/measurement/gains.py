@@ -50,10 +50,10 @@ def state_gains(
             rate[:, :, n:] += d.H_bb_inverse[:, 3:, 3:] @ J_L
     else:
         own = rate[:, :, n:]
-        if present(problem.gyro_bias):
-            own[:, :, problem.gyro_bias] = -gyro_turn(x, problem)
-        if present(problem.imu_angle):
-            own[:, :, problem.imu_angle] = -skew(w) @ turn(x, problem)[1]
+        if present(problem.at("gyro_bias")):
+            own[:, :, problem.at("gyro_bias")] = -gyro_turn(x, problem)
+        if present(problem.at("imu_angle")):
+            own[:, :, problem.at("imu_angle")] = -skew(w) @ turn(x, problem)[1]
         fill_gyro_columns(own, np.broadcast_to(np.eye(3), (len(w), 3, 3)), w, x, problem)
     D[:, : n + 3, n + 3 :] += D_w @ rate
     return D

@@ -64,7 +64,11 @@ def needed(problem: Problem) -> bool:
 
 def pulled(problem: Problem) -> bool:
     """Return whether there are thrusters, or an external wrench is estimated."""
-    return present(problem.wrench) or present(problem.target_wrench) or len(problem.thrusters) > 0
+    return (
+        present(problem.at("wrench"))
+        or present(problem.at("target_wrench"))
+        or len(problem.thrusters) > 0
+    )
 
 
 def momentum_at_nodes(
@@ -114,7 +118,7 @@ def _wrench(
     if G.any():
         rows = model.field_regressors(block.q_rad, G)[:, :6]
         W, J[:, :, problem.inertial] = rows @ pi, rows @ problem.U
-    if present(problem.wrench) or present(problem.target_wrench):
+    if present(problem.at("wrench")) or present(problem.at("target_wrench")):
         value, by_state = constant_force(block, x, problem)
         W, J = W + value[:, :6], J + by_state[:, :6]
     return W, J
@@ -186,14 +190,14 @@ def constant_force(
     J = np.zeros((m, 6 + n, len(x)))
     R = np.zeros((m, 6, 6))
     R[:, :3, :3] = R[:, 3:, 3:] = block.R_NB.transpose(0, 2, 1)
-    if present(problem.wrench):
-        J[:, :6, problem.wrench] = R
-    if present(problem.target_wrench):
+    if present(problem.at("wrench")):
+        J[:, :6, problem.at("wrench")] = R
+    if present(problem.at("target_wrench")):
         centre_m = _target_com(x, problem)
         for i in range(m):
             at, R_BE = problem.model.point_jacobian(block.q_rad[i], centre_m)
             ways = np.concatenate([R[i], np.vstack([R_BE, np.zeros((3, 3))])], axis=1)
-            J[i, :, problem.target_wrench] = at.T @ ways
+            J[i, :, problem.at("target_wrench")] = at.T @ ways
     return J @ x, J
 
 

@@ -172,8 +172,8 @@ def _window(
     D_wheel = at.D_wheel
     if D_wheel is not None:
         D_wheel = D_wheel[:, :, keep] - by_z @ np.linalg.solve(s.inertia, D_wheel[:, :, own])
-    if present(problem.joint_zero):  # `predict` adds D_q, as without modes
-        J[:, :, problem.joint_zero] += s.by_q[:, keep, :n] - D_q
+    if present(problem.at("joint_zero")):  # `predict` adds D_q, as without modes
+        J[:, :, problem.at("joint_zero")] += s.by_q[:, keep, :n] - D_q
     given = np.concatenate([at.tau[:, :n], at.f, at.w], axis=1) + total[:, :, 0]
     J_end = np.concatenate(
         [np.einsum("j,jcp->cp", half_s * row, Z) for row in (weights @ A, weights)]
@@ -206,8 +206,8 @@ def _sensitivities(a: _Window, s: _Step, spring_x: FloatArray, problem: Problem)
     n, last = a.joints[0].shape[1], s.channels.D.shape[2] - spring_x.shape[2]
     by_x = s.channels.D[:, n : n + c, last:] + s.eta[:, :, None] * spring_x[0]
     by_x += s.v[:, :, None] * spring_x[1]
-    if present(problem.joint_zero):
-        by_x[:, :, problem.joint_zero] += s.by_q[:, n : n + c, :n]
+    if present(problem.at("joint_zero")):
+        by_x[:, :, problem.at("joint_zero")] += s.by_q[:, n : n + c, :n]
     drift = s.stiff * a.t_s[:, :, None] + s.damp
     by = np.concatenate([s.wrong[:, :, None], s.stiff, drift, by_x], axis=2)
     solved = np.linalg.solve(s.system, by.reshape(m * c, -1))
@@ -231,7 +231,7 @@ def _start(
     block: Block, x: FloatArray, problem: Problem, before: Impulse | None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return modes at the window's start (2 c,), d/dx (2 c, p), variances beside the state's."""
-    modes, states = _modes(problem), problem.mode_start
+    modes, states = _modes(problem), problem.at("mode_start")
     size = states.stop - states.start
     if before is None or not len(before.modes):
         return x[states], np.eye(len(x))[states], np.zeros(size)

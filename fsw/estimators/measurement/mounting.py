@@ -17,9 +17,9 @@ def turn(x: FloatArray, problem: Problem) -> tuple[FloatArray, FloatArray]:
     Source: exponential map and left Jacobian of SO(3), Barfoot, State Estimation for Robotics
     (2017), eqs. (6.86), (7.76).
     """
-    if not present(problem.imu_angle):
+    if not present(problem.at("imu_angle")):
         return np.eye(3), np.eye(3)
-    phi = x[problem.imu_angle]
+    phi = x[problem.at("imu_angle")]
     angle, K = float(np.linalg.norm(phi)), skew(phi)
     if angle < SMALL:
         return np.eye(3) + K + 0.5 * K @ K, np.eye(3) + 0.5 * K + K @ K / 6.0
@@ -35,14 +35,14 @@ def gyro_turn(x: FloatArray, problem: Problem) -> FloatArray:
     which two axes lean to one another. A turn of all three axes is part of the mounting.
     """
     R = turn(x, problem)[0]
-    if not (present(problem.gyro_scale) or present(problem.gyro_axes)):
+    if not (present(problem.at("gyro_scale")) or present(problem.at("gyro_axes"))):
         return R
     E = np.zeros((3, 3))
-    if present(problem.gyro_scale):
-        E += np.diag(x[problem.gyro_scale])
-    if present(problem.gyro_axes):
-        E[LEANING] = x[problem.gyro_axes]
-        E[LEANING[::-1]] = x[problem.gyro_axes]
+    if present(problem.at("gyro_scale")):
+        E += np.diag(x[problem.at("gyro_scale")])
+    if present(problem.at("gyro_axes")):
+        E[LEANING] = x[problem.at("gyro_axes")]
+        E[LEANING[::-1]] = x[problem.at("gyro_axes")]
     return np.asarray(R + R @ problem.R_BS @ E @ problem.R_BS.T, np.float64)
 
 
@@ -56,35 +56,35 @@ def fill_gyro_columns(
     by_rate : (N, r, 3) derivative by the true rate, or by its own derivative
     w : (N, 3) the true rate, or its derivative, at the state x
     """
-    if not (present(problem.gyro_scale) or present(problem.gyro_axes)):
+    if not (present(problem.at("gyro_scale")) or present(problem.at("gyro_axes"))):
         return
     read = np.linalg.solve(gyro_turn(x, problem), w.T).T @ problem.R_BS  # along the unit's axes
     gain = by_rate @ (turn(x, problem)[0] @ problem.R_BS)
-    if present(problem.gyro_scale):
-        J[:, :, problem.gyro_scale] += gain * read[:, None]
-    if present(problem.gyro_axes):
+    if present(problem.at("gyro_scale")):
+        J[:, :, problem.at("gyro_scale")] += gain * read[:, None]
+    if present(problem.at("gyro_axes")):
         for one, other in (LEANING, LEANING[::-1]):
-            J[:, :, problem.gyro_axes] += gain[:, :, one] * read[:, None, other]
+            J[:, :, problem.at("gyro_axes")] += gain[:, :, one] * read[:, None, other]
 
 
 def as_true(s: BlockStack, x: FloatArray, problem: Problem) -> BlockStack:
     """Return the blocks with the joints' angles corrected by the state's zeros and walks."""
     if problem.walks is not None:
-        walked = problem.walks.moved(x[problem.joint_walk], s.walks_at_nodes)
-        return s.shifted(x[problem.joint_zero] + walked)
-    if not present(problem.joint_zero) or not x[problem.joint_zero].any():
+        walked = problem.walks.moved(x[problem.at("joint_walk")], s.walks_at_nodes)
+        return s.shifted(x[problem.at("joint_zero")] + walked)
+    if not present(problem.at("joint_zero")) or not x[problem.at("joint_zero")].any():
         return s
-    return s.shifted(x[problem.joint_zero])
+    return s.shifted(x[problem.at("joint_zero")])
 
 
 def fill_angle_columns(J: FloatArray, D_q: FloatArray, s: BlockStack, problem: Problem) -> None:
     """Add to J (N, r, p) the derivatives by zeros and walks, through the angles, D_q (N, r, n)."""
-    if present(problem.joint_zero):
-        J[:, :, problem.joint_zero] += D_q
+    if present(problem.at("joint_zero")):
+        J[:, :, problem.at("joint_zero")] += D_q
     if problem.walks is not None:
         shares = problem.walks.shares(s.walks_at_nodes)
         own = D_q[:, :, problem.walks.joints, None] * shares[:, None]
-        J[:, :, problem.joint_walk] += own.reshape(*D_q.shape[:2], -1)
+        J[:, :, problem.at("joint_walk")] += own.reshape(*D_q.shape[:2], -1)
 
 
 def with_bridges(s: BlockStack, problem: Problem) -> BlockStack:

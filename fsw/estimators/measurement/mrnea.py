@@ -55,10 +55,10 @@ def base_acceleration(
     """
     r, wd = problem.place_m(x), block.wd_NB_B_rad_s2
     w, f = block.w_NB_B_rad_s, block.f_NS_B_m_s2
-    if present(problem.gyro_bias):
-        w = w - x[problem.gyro_bias]
-    if present(problem.acc_bias):
-        f = f - x[problem.acc_bias]
+    if present(problem.at("gyro_bias")):
+        w = w - x[problem.at("gyro_bias")]
+    if present(problem.at("acc_bias")):
+        f = f - x[problem.at("acc_bias")]
     T = gyro_turn(x, problem)
     w, wd, f = w @ T.T, wd @ T.T, f @ turn(x, problem)[0].T
     a = f - cross(wd, r) - cross(w, cross(w, r)) + G @ r
@@ -146,7 +146,7 @@ def stacked_mrnea_rows(
     _nuisance_columns(X, tau, gain, (H, G_w), x, problem)
     friction.fill_columns(X[:, 6:], s, problem)
     _mounting_columns(X, x, (w, acceleration, G), (H, G_w, G_wd), problem)
-    if present(problem.joint_zero):
+    if present(problem.at("joint_zero")):
         fill_angle_columns(X, _by_angle(s, w, acceleration, problem), s, problem)
     if outside is not None:
         X -= outside[1]
@@ -182,10 +182,10 @@ def _take_off_wheels(
 def _calibrated(s: BlockStack, x: FloatArray, problem: Problem) -> tuple[FloatArray, FloatArray]:
     """Return the torques (N, n) corrected for offset and scale, and the scale (n,)."""
     tau, gain = s.tau_nm, np.ones(s.n)
-    if present(problem.torque_offset):
-        tau = tau - x[problem.torque_offset]
-    if present(problem.torque_scale):
-        gain = 1.0 + x[problem.torque_scale]
+    if present(problem.at("torque_offset")):
+        tau = tau - x[problem.at("torque_offset")]
+    if present(problem.at("torque_scale")):
+        gain = 1.0 + x[problem.at("torque_scale")]
     return tau / gain, gain
 
 
@@ -221,12 +221,12 @@ def _mounting_columns(
     (w, acceleration, G), (H, G_w, G_wd) = motion, gains
     wd, r = acceleration[:, 3:6], problem.place_m(x)
     arm = skew(wd) + skew(w) @ skew(w) - G
-    if present(problem.imu_place):
-        X[:, :, problem.imu_place] = -H[:, :, :3] @ arm
-    if present(problem.imu_angle):
+    if present(problem.at("imu_place")):
+        X[:, :, problem.at("imu_place")] = -H[:, :, :3] @ arm
+    if present(problem.at("imu_angle")):
         f = acceleration[:, :3] + (arm @ r[:, None])[:, :, 0]
         turned = G_w @ skew(w) + G_wd @ skew(wd) + H[:, :, :3] @ skew(f)
-        X[:, :, problem.imu_angle] = -turned @ turn(x, problem)[1]
+        X[:, :, problem.at("imu_angle")] = -turned @ turn(x, problem)[1]
     fill_gyro_columns(X, G_w, w, x, problem)
     fill_gyro_columns(X, G_wd, wd, x, problem)
 
@@ -241,14 +241,14 @@ def _nuisance_columns(
 ) -> None:
     """Fill the columns of torques and biases of X (m, 6+n, p); `gains`: see `_mounting_columns`."""
     n, (H, G_w) = len(gain), gains
-    if present(problem.torque_offset):
-        X[:, 6:, problem.torque_offset] = np.diag(1.0 / gain)
-    if present(problem.torque_scale):
-        X[:, 6:, problem.torque_scale] = (tau_nm / gain)[:, :, None] * np.eye(n)
-    if present(problem.acc_bias):
-        X[:, :, problem.acc_bias] = -H[:, :, :3] @ turn(x, problem)[0]
-    if present(problem.gyro_bias):
-        X[:, :, problem.gyro_bias] = -G_w @ gyro_turn(x, problem)
+    if present(problem.at("torque_offset")):
+        X[:, 6:, problem.at("torque_offset")] = np.diag(1.0 / gain)
+    if present(problem.at("torque_scale")):
+        X[:, 6:, problem.at("torque_scale")] = (tau_nm / gain)[:, :, None] * np.eye(n)
+    if present(problem.at("acc_bias")):
+        X[:, :, problem.at("acc_bias")] = -H[:, :, :3] @ turn(x, problem)[0]
+    if present(problem.at("gyro_bias")):
+        X[:, :, problem.at("gyro_bias")] = -G_w @ gyro_turn(x, problem)
 
 
 def _input_gains(

@@ -82,7 +82,7 @@ class _Fused(RowsFunction):
         problem, channels = self._problem, self._channels
         by_gyro = s.has_gyro and problem.is_free
         rate: Rate = self._rate or ("measured" if by_gyro else "momentum")
-        adds_up = present(problem.momentum) or len(problem.thrusters) > 0
+        adds_up = present(problem.at("momentum")) or len(problem.thrusters) > 0
         adds_up |= problem.watches_outside
         if adds_up and not s.has_attitude:
             rate = "measured"

@@ -71,18 +71,18 @@ def turning(s: BlockStack, x: FloatArray, problem: Problem) -> Wheels | None:
     h, hd = s.wheel_nms, s.wheel_nm
     J_h, J_hd = np.zeros((2, N, 3, len(x)))
     scaled = axes
-    if present(problem.wheel_scale):
-        scaled = axes * (1.0 + x[problem.wheel_scale])
-    if present(problem.wheel_delay):
+    if present(problem.at("wheel_scale")):
+        scaled = axes * (1.0 + x[problem.at("wheel_scale")])
+    if present(problem.at("wheel_delay")):
         slope = s.by_block(hd)
         hdd = (_differentiation(s.m) @ slope).reshape(hd.shape) * (2.0 / problem.window_s)
-        J_h[:, :, problem.wheel_delay] = scaled * hd[:, None]
-        J_hd[:, :, problem.wheel_delay] = scaled * hdd[:, None]
-        late_s = x[problem.wheel_delay]
+        J_h[:, :, problem.at("wheel_delay")] = scaled * hd[:, None]
+        J_hd[:, :, problem.at("wheel_delay")] = scaled * hdd[:, None]
+        late_s = x[problem.at("wheel_delay")]
         h, hd = h + late_s * hd, hd + late_s * hdd
-    if present(problem.wheel_scale):
-        J_h[:, :, problem.wheel_scale] = axes * h[:, None]
-        J_hd[:, :, problem.wheel_scale] = axes * hd[:, None]
+    if present(problem.at("wheel_scale")):
+        J_h[:, :, problem.at("wheel_scale")] = axes * h[:, None]
+        J_hd[:, :, problem.at("wheel_scale")] = axes * hd[:, None]
     return Wheels(h @ scaled.T, hd @ scaled.T, scaled, J_h, J_hd)
 
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw.config import BaseConfig, BodyConfig, Config, JointConfig
+from fsw.config import BaseConfig, BodyConfig, Config
 from fsw.estimators.fading_noise import covariance_at_nodes
 from fsw.estimators.model.calibration import known_bodies
 from fsw.estimators.model.inertia import (
@@ -16,15 +16,14 @@ from fsw.estimators.model.inertia import (
 )
 from fsw.estimators.model.modes import with_modes
 from fsw.estimators.model.orbit import CircularOrbit
-from fsw.estimators.model.problem import CALIBRATION, NO_STATES, Problem, Thrusters, present
+from fsw.estimators.model.problem import Problem, Thrusters
 from fsw.estimators.model.robot import Hold, RobotModel
-from fsw.estimators.model.walks import LEAST_RAD2, Walks, walks_of
+from fsw.estimators.model.state_group import Setting
+from fsw.estimators.model.state_groups import GROUPS
+from fsw.estimators.model.walks import walks_of
 from fsw.estimators.rotation import rotation_from_xyzw
 from fsw.messages import Block, FloatArray
 from fsw.messages.errors import ConfigError
-
-SHARED_SCALE = 0.5  # share of the scale errors' variance that is common to all joints or thrusters
-SHARED = ("torque_scale", "thrust_scale")  # one calibration rig; one supply pressure
 
 
 def body_prior(body: BodyConfig) -> tuple[FloatArray, FloatArray]:
@@ -155,23 +154,6 @@ def holds(config: Config, model: RobotModel, unknown: tuple[str, ...]) -> dict[s
     return held
 
 
-def _zero_sigmas(joints: Sequence[JointConfig], walks: Walks | None) -> list[float]:
-    """Return the sigma of every joint's zero [rad], including the walk before the first knot."""
-    variance = np.array([joint.zero_sigma_rad for joint in joints]) ** 2
-    if walks is not None:
-        variance[walks.joints] += walks.knots_rad2[:, 0] + LEAST_RAD2  # not 0: a zero is a state
-    return list(np.sqrt(variance))
-
-
-def _steps(names: Sequence[str], walks: Walks | None) -> tuple[list[str], list[float]]:
-    """Return the label and the sigma [rad] of every step of every random walk."""
-    if walks is None:
-        return [], []
-    sigmas = np.sqrt(walks.steps_rad2)
-    labels = [f"{names[j]}.{k + 1}" for j in walks.joints for k in range(sigmas.shape[1])]
-    return labels, sigmas.ravel().tolist()
-
-
 def build_problem(
     config: Config, model: RobotModel, *, exact: bool = False, blocks: Sequence[Block] = ()
 ) -> Problem:
@@ -201,7 +183,7 @@ def build_problem(
             pi_known[hold.places] += hold.map @ body_prior(config.bodies[name])[0]
     U = np.zeros((pi_known.size, PARAMETERS * len(unknown)))
     known = {} if exact else dict(known_bodies(config, model, unknown, held))
-    means, covariances, names, liquids, slices = [], [], [], [], []
+    means, covariances, names, liquids = [], [], [], []
     for index, name in enumerate(unknown):
         columns = slice(PARAMETERS * index, PARAMETERS * (index + 1))
         if name == "base":
@@ -218,54 +200,17 @@ def build_problem(
         means.append(np.zeros(ways.shape[1]))
         covariances.append(np.eye(ways.shape[1]))
         names += [f"known.{place}.{k + 1}" for k in range(ways.shape[1])]
-    imu, estimator = config.imu, config.estimator
-    thrusters = [thruster.name for thruster in config.thrusters]
-    nuisances = (
-        ("torque_offset", model.joint_names, [j.torque_offset_sigma_nm for j in joints]),
-        ("acc_bias", "xyz", [imu.acc_bias_sigma_m_s2] * 3),
-        ("gyro_bias", "xyz", [imu.gyro_bias_sigma_rad_s] * 3),
-        ("momentum", "xyz", [estimator.momentum_sigma_nms] * 3),
-        ("torque_scale", model.joint_names, [j.torque_scale_sigma_ratio for j in joints]),
-        (
-            "wrench",
-            ("fx", "fy", "fz", "tx", "ty", "tz"),
-            [estimator.external_force_sigma_n] * 3 + [estimator.external_torque_sigma_nm] * 3,
-        ),
-        (
-            "target_wrench",
-            ("fx", "fy", "fz", "tx", "ty", "tz", "ex", "ey", "ez"),
-            [estimator.target_force_sigma_n] * 3
-            + [estimator.target_torque_sigma_nm] * 3
-            + [estimator.target_force_sigma_n] * 3,
-        ),
-        ("joint_zero", model.joint_names, _zero_sigmas(joints, walks)),
-        ("imu_place", "xyz", [imu.mounting_position_sigma_m] * 3),
-        ("imu_angle", "xyz", [imu.mounting_angle_sigma_rad] * 3),
-        ("gyro_scale", "xyz", [imu.gyro_scale_sigma_ratio] * 3),
-        ("gyro_axes", ("xy", "xz", "yz"), [imu.gyro_axes_sigma_rad] * 3),
-        ("friction_coulomb", model.joint_names, [j.friction_coulomb_sigma_nm for j in joints]),
-        ("friction_viscous", model.joint_names, [j.friction_viscous_sigma_nms_rad for j in joints]),
-        (
-            "wheel_scale",
-            [wheel.name for wheel in config.wheels],
-            [wheel.inertia_sigma_ratio for wheel in config.wheels],
-        ),
-        ("wheel_delay", [w.name for w in config.wheels], [w.delay_sigma_s for w in config.wheels]),
-        ("thrust_scale", thrusters, [t.force_sigma_ratio for t in config.thrusters]),
-        ("thrust_delay", thrusters, [t.delay_sigma_s for t in config.thrusters]),
-        ("thrust_rise", thrusters, [t.rise_sigma_s for t in config.thrusters]),
-        ("joint_walk", *_steps(model.joint_names, walks)),
-    )
-    for kind, labels, sigmas in nuisances:
-        if not any(sigmas) or (exact and kind in CALIBRATION):
-            slices.append(NO_STATES)
+    setting, places = Setting(config=config, joints=joints, walks=walks), dict[str, slice]()
+    for group in GROUPS:
+        labels, sigmas = group.prior(setting)
+        if not any(sigmas) or (exact and group.is_calibration):
             continue
-        slices.append(slice(len(names), len(names) + len(sigmas)))
-        names += [f"{kind}.{label}" for label in labels]
+        places[group.name] = slice(len(names), len(names) + len(sigmas))
+        names += [f"{group.name}.{label}" for label in labels]
         means.append(np.zeros(len(sigmas)))
-        spread = np.maximum(sigmas, 1e-9)
-        shared = SHARED_SCALE if kind in SHARED else 0.0
-        covariances.append(np.diag((1.0 - shared) * spread**2) + shared * np.outer(spread, spread))
+        spread, own = np.maximum(sigmas, 1e-9), 1.0 - group.shared
+        covariances.append(np.diag(own * spread**2) + group.shared * np.outer(spread, spread))
+    imu, estimator = config.imu, config.estimator
     prior_covariance = np.zeros((len(names), len(names)))
     start = 0
     for block in covariances:
@@ -284,28 +229,9 @@ def build_problem(
         names=tuple(names),
         prior_mean=np.concatenate(means),
         prior_covariance=prior_covariance,
-        torque_offset=slices[0],
-        acc_bias=slices[1],
-        gyro_bias=slices[2],
-        momentum=slices[3],
-        torque_scale=slices[4],
-        wrench=slices[5],
-        target_wrench=slices[6],
-        joint_zero=slices[7],
-        imu_place=slices[8],
-        imu_angle=slices[9],
-        gyro_scale=slices[10],
-        gyro_axes=slices[11],
-        friction_coulomb=slices[12],
-        friction_viscous=slices[13],
-        wheel_scale=slices[14],
-        wheel_delay=slices[15],
+        places=places,
         wheel_axes=np.array([wheel.axis_B for wheel in config.wheels]).reshape(-1, 3).T,
-        thrust_scale=slices[16],
-        thrust_delay=slices[17],
-        thrust_rise=slices[18],
-        joint_walk=slices[19],
-        walks=walks if present(slices[19]) else None,
+        walks=walks if "joint_walk" in places else None,
         thrusters=Thrusters.of(config),
         friction_speed_rad_s=np.array([j.friction_speed_rad_s for j in joints]),
         target_com_m=np.array(

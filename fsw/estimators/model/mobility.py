@@ -62,7 +62,7 @@ class Mapped:
 def is_bent(problem: Problem, method: str) -> bool:
     """Return whether a method's likelihood is Gaussian in the base's mobility instead of in pi."""
     torque = method in TORQUE and "base" in problem.unknown
-    return torque and not present(problem.thrust_scale)
+    return torque and not present(problem.at("thrust_scale"))
 
 
 def to_mobility(pi: FloatArray) -> FloatArray:

@@ -55,16 +55,20 @@ class Modes:
         problem, rows = self.released, np.arange(len(self.of))
         s, f, d = (
             x[states][self.of]
-            for states in (problem.mode_mass, problem.mode_frequency, problem.mode_damping)
+            for states in (
+                problem.at("mode_mass"),
+                problem.at("mode_frequency"),
+                problem.at("mode_damping"),
+            )
         )
         rate, own = self.rate_rad_s * np.exp(f), self.inertia * (1.0 + s)
         K, C = own * rate**2, 2.0 * self.damping_ratio * np.exp(d) * rate * own
         J = np.zeros((2, len(rows), len(x)))
-        J[0, rows, problem.mode_mass.start + self.of] = self.inertia * rate**2
-        J[1, rows, problem.mode_mass.start + self.of] = C / own * self.inertia
-        J[0, rows, problem.mode_frequency.start + self.of] = 2.0 * K
-        J[1, rows, problem.mode_frequency.start + self.of] = C
-        J[1, rows, problem.mode_damping.start + self.of] = C
+        J[0, rows, problem.at("mode_mass").start + self.of] = self.inertia * rate**2
+        J[1, rows, problem.at("mode_mass").start + self.of] = C / own * self.inertia
+        J[0, rows, problem.at("mode_frequency").start + self.of] = 2.0 * K
+        J[1, rows, problem.at("mode_frequency").start + self.of] = C
+        J[1, rows, problem.at("mode_damping").start + self.of] = C
         return np.array([K, C]), J
 
 
@@ -117,10 +121,7 @@ def with_modes(problem: Problem, modes: Sequence[ModeConfig]) -> Problem:
             problem.prior_covariance, np.diag(np.maximum(sigma, EXACT) ** 2)
         ),
         liquid=block_diag(problem.liquid, np.zeros((len(sigma), len(sigma)))),
-        mode_mass=places["mode_mass"],
-        mode_frequency=places["mode_frequency"],
-        mode_damping=places["mode_damping"],
-        mode_start=places["mode_start"],
+        places={**problem.places, **places},
     )
     return replace(
         locked,

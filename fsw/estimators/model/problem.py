@@ -1,19 +1,15 @@
 """The estimation problem: which parameters are unknown, their prior, and the state's layout.
 
 State x = [10 parameters per unknown body (base first, then target), errors of the known bodies'
-inertial data (up to 10 each), torque offsets (n), accelerometer bias (3), gyro bias (3), residual
-angular momentum (3), torque scale errors (n), external wrench (6), wrench on the target (9), zeros
-of the joints (n), place (3) and angles (3) of the inertial unit, scales (3) and axes (3) of its
-gyro, Coulomb and viscous friction of the joints (n each), relative errors of the wheels' inertias
-and errors of their delays (k each), relative errors of the thrusters' forces, errors of their
-delays and of their rise times (K each), steps of the random walks of integrated angles, and the
-states that `modes` appends]. A group whose prior sigmas are all zero has no states.
+inertial data (up to 10 each), then the groups of `state_groups` in their order]. A group whose
+prior sigmas are all zero has no states.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +23,8 @@ from fsw.estimators.model.modes import Modes
 from fsw.estimators.model.orbit import CircularOrbit
 from fsw.estimators.model.prior import Prior
 from fsw.estimators.model.robot import RobotModel
+from fsw.estimators.model.state_group import StateGroup
+from fsw.estimators.model.state_groups import BY_NAME, group_of
 from fsw.estimators.model.walks import Walks
 from fsw.messages import FloatArray
 
@@ -35,23 +33,26 @@ MODE_REACH = 3.0  # sigmas of a mode's prior within which its states are kept
 IMPLAUSIBLE = 10.0  # sigmas from its prior at which a value of arm or calibration contradicts it
 CONSPICUOUS = 4.0  # sigmas from its prior at which such a value is named
 TAIL_RISES = 10.0  # rise times after which a force counts as settled
-THRUST = ("thrust_scale", "thrust_delay", "thrust_rise")
-CALIBRATION = (
-    *("joint_zero", "joint_walk", "imu_place", "imu_angle", "gyro_scale", "gyro_axes"),
-    *("wheel_scale", "wheel_delay"),
-    *THRUST,
-)
 IndexArray = NDArray[np.intp]
-
-
-def no_states() -> slice:
-    """Return the empty slice, for a group that is not part of the state."""
-    return slice(0, 0)
 
 
 def present(states: slice) -> bool:
     """Return whether a group, given by its slice, is part of the state."""
     return bool(states.stop > states.start)
+
+
+def _hidden(group: StateGroup) -> bool:
+    return not group.is_published
+
+
+def _judged(group: StateGroup) -> bool:
+    return group.is_judged or not group.is_published
+
+
+@lru_cache(maxsize=16)
+def _where(names: tuple[str, ...], first: int, holds: Callable[[StateGroup], bool]) -> IndexArray:
+    groups = [group_of(name) for name in names]
+    return np.array([first + k for k, own in enumerate(groups) if own and holds(own)], np.intp)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,29 +100,11 @@ class Problem:
     names: tuple[str, ...]
     prior_mean: FloatArray
     prior_covariance: FloatArray
-    torque_offset: slice
-    acc_bias: slice
-    gyro_bias: slice
-    momentum: slice
-    torque_scale: slice
-    wrench: slice  # force [N] and moment [N m] at the base's origin, inertial axes
-    joint_zero: slice  # true angle less the measured one [rad]
-    imu_place: slice  # true place less p_BS_m [m]
-    imu_angle: slice  # rotation vector, B axes, from the configured attitude to the true one [rad]
-    gyro_scale: slice  # true rate over the gyro's reading along each axis of the unit, less 1
-    gyro_axes: slice  # angles by which axes xy, xz, yz of the gyro lean to one another [rad]
-    friction_coulomb: slice  # of each joint, as its torque sensor measures it [N m]
-    friction_viscous: slice  # [N m s/rad]
-    wheel_scale: slice  # relative error of each wheel's axial inertia
-    wheel_delay: slice  # true delay less the configured one [s]
+    places: Mapping[str, slice]  # of each group of states that is present
     wheel_axes: FloatArray  # (3, k) of the reaction wheels, in B
-    thrust_scale: slice  # relative error of each thruster's force
-    thrust_delay: slice  # true delay less the configured one [s]
-    thrust_rise: slice  # true rise time less the configured one [s]
     thrusters: Thrusters
     friction_speed_rad_s: FloatArray  # (n,) rate at which Coulomb friction is tanh(1) of its size
-    target_wrench: slice  # as `wrench`, at the target's centre of mass; then a force in axes E [N]
-    target_com_m: FloatArray  # (3,) in E: where `target_wrench` acts on a known target
+    target_com_m: FloatArray  # (3,) in E: where the target's wrench acts on a known target
     p_BS_m: FloatArray  # (3,) place of the accelerometer, as configured
     R_BS: FloatArray  # (3, 3) the unit's axes to base axes, as configured
     orbit: CircularOrbit | None  # None: no gravity gradient
@@ -135,19 +118,21 @@ class Problem:
     support_m_s2: FloatArray  # (3,) acceleration by which a support keeps the base from falling
     watches_outside: bool  # whether blocks may be marked as having an unknown momentum
     liquid: FloatArray  # (p, p) covariance that liquid in the bodies adds to the published one
-    mode_mass: slice = field(
-        default_factory=no_states
-    )  # relative error of the inertia of each of the base's modes
-    mode_frequency: slice = field(
-        default_factory=no_states
-    )  # logarithm of the factor on the configured frequency
-    mode_damping: slice = field(default_factory=no_states)
-    mode_start: slice = field(
-        default_factory=no_states
-    )  # coordinates, then rates, at the start of the data [m or rad, and per s]
-    joint_walk: slice = field(default_factory=no_states)  # see `Walks` [rad]
     walks: Walks | None = None  # None: no encoder gives speed only
     modes: Modes | None = None  # None: no modes, or this problem's robot has them as joints
+
+    def at(self, group: str) -> slice:
+        """Return the states of a group; empty if it is not part of the state.
+
+        Raises
+        ------
+        KeyError if `state_groups` has no such group.
+        """
+        return self.places.get(BY_NAME[group].name, NO_STATES)
+
+    def placed(self, **places: slice) -> Problem:
+        """Return the problem with other places of groups."""
+        return replace(self, places={**self.places, **places})
 
     @property
     def is_free(self) -> bool:
@@ -175,10 +160,11 @@ class Problem:
 
         Where the robot has the modes as joints, the states of their masses are included.
         """
-        own, count = self.U.shape[1], self.mode_mass.stop - self.mode_mass.start
+        masses = self.at("mode_mass")
+        own, count = self.U.shape[1], masses.stop - masses.start
         if count == 0 or self.modes is not None:
             return slice(0, own)
-        return np.concatenate([np.arange(own - count), np.arange(len(self.names))[self.mode_mass]])
+        return np.concatenate([np.arange(own - count), np.arange(len(self.names))[masses]])
 
     @property
     def prior(self) -> Prior:
@@ -195,22 +181,18 @@ class Problem:
         first = self.bodies.stop
         return slice(first, first + sum(name.startswith("known.") for name in self.names))
 
+    def where(self, holds: Callable[[StateGroup], bool]) -> IndexArray:
+        """Return the states of the groups for which a condition holds."""
+        return _where(self.names[self.bodies.stop :], self.bodies.stop, holds)
+
     @property
     def published(self) -> IndexArray:
         """Return the states that are published: no known bodies, calibration or start of modes."""
-        hidden = (
-            self.known,
-            *(self.joint_zero, self.joint_walk, self.imu_place, self.imu_angle),
-            *(self.gyro_scale, self.gyro_axes, self.wheel_scale, self.wheel_delay),
-            *(self.thrust_scale, self.thrust_delay, self.thrust_rise, self.mode_start),
-        )
-        return np.delete(np.arange(len(self.names)), np.r_[hidden])
+        return np.delete(np.arange(len(self.names)), self.where(_hidden))
 
     def least_plausible(self, x: FloatArray) -> tuple[str, float]:
         """Return the state of arm or calibration farthest from its prior, and its sigmas."""
-        doubts = np.setdiff1d(np.arange(len(x)), self.published)
-        told = (self.torque_scale, self.mode_mass, self.mode_frequency, self.mode_damping)
-        doubts = np.concatenate([doubts, *(np.arange(len(x))[states] for states in told)])
+        doubts = self.where(_judged)
         if not len(doubts):
             return "", 0.0
         sigmas = np.abs((x - self.prior_mean)[doubts]) / np.sqrt(
@@ -226,7 +208,8 @@ class Problem:
 
     def place_m(self, x: FloatArray) -> FloatArray:
         """Return the accelerometer's place in B (3,) for the state x [m]."""
-        return self.p_BS_m + x[self.imu_place] if present(self.imu_place) else self.p_BS_m
+        place = self.at("imu_place")
+        return self.p_BS_m + x[place] if present(place) else self.p_BS_m
 
     def body(self, name: str) -> slice:
         """Return the slice of the ten states of an unknown body."""
@@ -241,7 +224,7 @@ class Problem:
         """
         off = np.zeros(len(x))
         if self.modes is not None:
-            k = np.r_[self.mode_mass, self.mode_frequency, self.mode_damping]
+            k = np.r_[self.at("mode_mass"), self.at("mode_frequency"), self.at("mode_damping")]
             reach = MODE_REACH * np.sqrt(np.diag(self.prior_covariance)[k])
             if np.any(np.abs(x[k]) > reach):
                 x = x.copy()

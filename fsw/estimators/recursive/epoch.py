@@ -42,8 +42,8 @@ def next_epoch(
     data : information of the old epoch's data alone
     """
     p, count = len(prior[0]), len(walks.joints)
-    zeros = np.arange(p)[problem.joint_zero][walks.joints]
-    steps = np.arange(p)[problem.joint_walk]
+    zeros = np.arange(p)[problem.at("joint_zero")][walks.joints]
+    steps = np.arange(p)[problem.at("joint_walk")]
     old = np.r_[zeros, steps]
     shares = walks.shares(walk_rad2[None])[0]  # (k, K)
     T = np.zeros((count, len(old)))
@@ -83,7 +83,7 @@ def next_momentum(
     data : information of the old epoch's data alone
     """
     p = len(prior[0])
-    own = np.arange(p)[problem.momentum]
+    own = np.arange(p)[problem.at("momentum")]
     others = np.delete(np.arange(p), own)
     P = prior[1]
     K = np.linalg.solve(P[np.ix_(others, others)], P[np.ix_(others, own)]).T

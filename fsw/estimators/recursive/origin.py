@@ -32,7 +32,7 @@ class Origin:
         """Return the configured covariance (p, p), with the walk so far added to joints' zeros."""
         covariance = self._problem.prior_covariance
         if self._walked_rad2.any():
-            zeros = np.arange(len(covariance))[self._problem.joint_zero]
+            zeros = np.arange(len(covariance))[self._problem.at("joint_zero")]
             covariance = covariance.copy()
             covariance[zeros, zeros] += self._walked_rad2
         return FLAT_PRIOR**2 * covariance if self._linear else covariance

@@ -10,7 +10,7 @@ change explains several blocks and a wrench does not.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
@@ -68,7 +68,7 @@ class OutsideWatch:
         self._problem, self._false_alarm = problem, false_alarm
         self._ways = {"base": slice(p, p + WRENCH), "target": slice(p + WRENCH, p + 2 * WRENCH)}
         places = slice(p + WRENCH, p + 2 * WRENCH + 3)
-        self._shadow = replace(problem, wrench=self._ways["base"], target_wrench=places)
+        self._shadow = problem.placed(wrench=self._ways["base"], target_wrench=places)
         self._size = places.stop
         self.place, self.momentum_lost, self.has_acted = "", False, False
         self._suspects: list[Block] = []

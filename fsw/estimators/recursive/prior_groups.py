@@ -15,12 +15,12 @@ from scipy.special import chdtri
 from fsw.estimators.diagnosis import Gaussian, conflict_views, prior_conflict
 from fsw.estimators.model.inertia import PARAMETERS, report_jacobian
 from fsw.estimators.model.problem import IndexArray, Problem
+from fsw.estimators.model.state_groups import BY_NAME
 from fsw.messages import FloatArray
 
 GROUP_PROBABILITY = 1e-4  # of a conflict in one group of a correct prior
 LARGEST = 3.0  # greatest factor on the stated sigma of a sensor, a known body or a mounting
 _OF_BODY = (("mass", slice(0, 1)), ("centre of mass", slice(1, 4)), ("inertia", slice(4, 10)))
-_FREE = ("momentum", "wrench", "target_wrench", "friction_coulomb", "friction_viscous")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -55,7 +55,8 @@ def groups(problem: Problem) -> Iterator[Group]:
         place = which.rpartition(".")[0] if kind == "known" else kind
         places.setdefault(place, []).append(k)
     for place, states in places.items():
-        most = np.inf if place in _FREE else LARGEST
+        group = BY_NAME.get(place)
+        most = np.inf if group is not None and group.is_free else LARGEST
         yield Group(name=place, states=np.array(states), most=most)
 
 

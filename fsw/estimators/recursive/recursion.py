@@ -276,7 +276,7 @@ class Recursion:
         found = at_first_rate(block, at, problem) if plausible(block) else at
         if self.linear or problem.modes is not None or found is at or not watch.has_released:
             return replace(block, has_attitude=False)
-        data = self.origin.with_momentum(found[problem.momentum], memory.data)
+        data = self.origin.with_momentum(found[problem.at("momentum")], memory.data)
         memory.restart(self.origin.information(at), data)
         self._solve()
         memory.at = found

@@ -101,12 +101,12 @@ def _span(scenario: Scenario, block: Block, window_s: float) -> int | None:
 
 def _others(problem: Problem) -> IntArray:
     """Return the indices of all states except bodies and momentum."""
-    return np.delete(np.arange(len(problem.names)), np.r_[problem.bodies, problem.momentum])
+    return np.delete(np.arange(len(problem.names)), np.r_[problem.bodies, problem.at("momentum")])
 
 
 def _arranged(A: FloatArray, problem: Problem, span: int, count: int) -> FloatArray:
     """Return the rows with columns: other states, a momentum for each of `count` spans, bodies."""
-    momentum = A[:, problem.momentum]
+    momentum = A[:, problem.at("momentum")]
     held = np.zeros((len(A), count, momentum.shape[1]))
     held[:, span] = momentum
     return np.hstack([A[:, _others(problem)], held.reshape(len(A), -1), A[:, problem.bodies]])
@@ -114,7 +114,7 @@ def _arranged(A: FloatArray, problem: Problem, span: int, count: int) -> FloatAr
 
 def _prior_root(problem: Problem, count: int) -> FloatArray:
     """Return a root of the prior information in the columns of `_arranged`, without the bodies."""
-    P, others, own = problem.prior_covariance, _others(problem), problem.momentum
+    P, others, own = problem.prior_covariance, _others(problem), problem.at("momentum")
     parts = [prior_root(P[np.ix_(others, others)]), *[prior_root(P[own, own])] * count]
     root = block_diag(*(part for part in parts if part.size))
     return np.hstack([root, np.zeros((len(root), problem.bodies.stop))])

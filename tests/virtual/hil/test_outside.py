@@ -120,7 +120,7 @@ def test_a_new_momentum_is_found_after_release(what: str, code: str) -> None:
     judged(what, code, momentum_sigma_nms=0.1)
     own, seen = estimator(momentum_sigma_nms=0.1), blocks(what)
     run(own, seen)
-    watch, found = own.recursion.outside, own.recursion.x[own.problem.momentum]
+    watch, found = own.recursion.outside, own.recursion.x[own.problem.at("momentum")]
     assert watch is not None
     assert watch.has_acted
     assert not watch.momentum_lost
@@ -128,7 +128,9 @@ def test_a_new_momentum_is_found_after_release(what: str, code: str) -> None:
     q, v, _ = pin_state(state, 0)
     true = pin.computeCentroidalMomentum(case.model, case.model.createData(), q, v).angular
     assert np.linalg.norm(true) > 10.0
-    sigma = np.sqrt(np.diag(own.recursion.memory.information.covariance())[own.problem.momentum])
+    sigma = np.sqrt(
+        np.diag(own.recursion.memory.information.covariance())[own.problem.at("momentum")]
+    )
     assert np.abs(found - true).max() < 5.0 * sigma.max() < 1.0
 
 

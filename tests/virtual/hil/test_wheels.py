@@ -168,7 +168,7 @@ def test_another_engine_s_motion_leaves_no_residual() -> None:
     x = problem.prior_mean.copy()
     x[problem.body("target")] = parameters(TARGET)
     history = flight()[1]
-    x[problem.momentum] = AXES @ (INERTIAS * history.wheel_rad_s[0])
+    x[problem.at("momentum")] = AXES @ (INERTIAS * history.wheel_rad_s[0])
     for block in true_blocks(38)[::6]:
         p = predict(block, x, problem)
         np.testing.assert_allclose(p.tau_nm, block.tau_nm, atol=3e-4)

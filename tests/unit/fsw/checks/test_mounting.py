@@ -12,8 +12,8 @@ def test_place_and_attitude_are_named_with_the_value_that_the_data_want() -> Non
     problem = make_problem(("target",), doubt=True)
     x = problem.prior_mean.copy()
     assert not contradicted(problem, x)
-    x[problem.imu_place] = [0.4, 0.0, 0.0]
-    x[problem.imu_angle] = turn.as_rotvec()
+    x[problem.at("imu_place")] = [0.4, 0.0, 0.0]
+    x[problem.at("imu_angle")] = turn.as_rotvec()
     assert contradicted(problem, x) in ("imu_place", "imu_angle")
     config = make_config(("target",), doubt=True)
     words = mounting_words(config, problem, x)
@@ -26,7 +26,7 @@ def test_place_and_attitude_are_named_with_the_value_that_the_data_want() -> Non
 def test_a_mounting_that_nobody_knows_leaves_the_rest_of_the_prior() -> None:
     problem = make_problem(("target",), doubt=True)
     free = with_free_mounting(problem)
-    mounting = np.r_[problem.imu_place, problem.imu_angle]
+    mounting = np.r_[problem.at("imu_place"), problem.at("imu_angle")]
     rest = np.setdiff1d(np.arange(len(problem.names)), mounting)
     kept = np.ix_(rest, rest)
     assert np.array_equal(free.prior_covariance[kept], problem.prior_covariance[kept])

@@ -143,7 +143,7 @@ def test_a_push_on_the_target_loads_the_joints_as_the_model_says() -> None:
     sigmas = {f"target_{k}": 0.1 for k in ("force_sigma_n", "torque_sigma_nm")}
     problem = make_problem(("base", "target"), **sigmas)
     x = problem.prior_mean.copy()
-    x[problem.target_wrench] = np.concatenate([FORCE_N, MOMENT_NM, np.zeros(3)])
+    x[problem.at("target_wrench")] = np.concatenate([FORCE_N, MOMENT_NM, np.zeros(3)])
     left = errors(problem, x, history)
     assert ignored[0] > 1e-5
     assert ignored[1] > 1e-3
@@ -156,7 +156,7 @@ def test_the_target_wrenchs_jacobian_is_the_difference_it_makes() -> None:
     problem = make_problem(("base",), **sigmas)
     block, x = random_block(), problem.prior_mean
     one = predict(block, x, problem)
-    for column in range(problem.target_wrench.start, problem.target_wrench.stop):
+    for column in range(problem.at("target_wrench").start, problem.at("target_wrench").stop):
         step = np.zeros(len(x))
         step[column] = 1e-3
         two, back = predict(block, x + step, problem), predict(block, x - step, problem)

@@ -72,7 +72,7 @@ def true_momentum() -> np.ndarray:
     """The one that the measured rate shows with the true bodies."""
     problem = build_problem(make_config(momentum_sigma_nms=1.0), robot_model())
     x = problem.prior_mean.copy()
-    return np.asarray(at_first_rate(true_blocks()[0], x, problem)[problem.momentum])
+    return np.asarray(at_first_rate(true_blocks()[0], x, problem)[problem.at("momentum")])
 
 
 def error(mean: Any, covariance: Any) -> float:
@@ -83,8 +83,8 @@ def error(mean: Any, covariance: Any) -> float:
 def test_another_engine_s_tumbling_leaves_no_residual() -> None:
     problem = build_problem(make_config(momentum_sigma_nms=1.0), robot_model())
     x = problem.prior_mean.copy()
-    x[problem.momentum] = true_momentum()
-    assert np.linalg.norm(x[problem.momentum]) > 30.0
+    x[problem.at("momentum")] = true_momentum()
+    assert np.linalg.norm(x[problem.at("momentum")]) > 30.0
     for block in true_blocks()[::7]:
         p = predict(block, x, problem)
         for got, true in (
@@ -103,7 +103,7 @@ def test_state_jacobians_at_much_momentum_are_the_derivatives(seed: int, rate: A
     )
     x = problem.prior_mean.copy()
     x[20:] = 0.1 * np.random.default_rng(seed).normal(size=len(x) - 20)
-    x[problem.momentum] = [60.0, -40.0, 150.0]
+    x[problem.at("momentum")] = [60.0, -40.0, 150.0]
     block = random_block(seed)
     found = predict(block, x, problem, rate)
     for k in range(len(x)):
@@ -126,7 +126,7 @@ def test_energy_rows_at_much_momentum_are_the_derivatives(
         make_config(("base", "target"), momentum_sigma_nms=100.0), robot_model()
     )
     x = problem.prior_mean.copy()
-    x[problem.momentum] = [60.0, -40.0, 150.0]
+    x[problem.at("momentum")] = [60.0, -40.0, 150.0]
     block = random_block(1)
     block = replace(block, cov_joint=1e-12 * block.cov_joint)  # its share is no part of J
     found = energy_rows(block, x, problem)
@@ -137,7 +137,7 @@ def test_energy_rows_at_much_momentum_are_the_derivatives(
         slope = (down - up) / (2.0 * h)
         rounding = 1e-13 * np.abs(found.b).max() / h
         assert np.abs(found.A[:, k] - slope).max() <= 1e-5 * np.abs(slope).max() + rounding
-    assert np.abs(found.A[:, problem.momentum]).max() > 0
+    assert np.abs(found.A[:, problem.at("momentum")]).max() > 0
 
 
 @pytest.mark.parametrize("method", ["fused", "rda", "mrnea", "ce"])
@@ -159,7 +159,7 @@ def test_the_first_rate_is_predicted_at_the_point_it_gives() -> None:
     x = at_first_rate(block, problem.prior_mean, problem)
     p = predict(block, x, problem)
     np.testing.assert_allclose(p.w_rad_s.mean(axis=0), block.w_NB_B_rad_s.mean(axis=0), atol=1e-4)
-    others = np.delete(np.arange(len(x)), np.r_[problem.momentum])
+    others = np.delete(np.arange(len(x)), np.r_[problem.at("momentum")])
     np.testing.assert_array_equal(x[others], problem.prior_mean[others])
     unknown = without_attitude(block)
     np.testing.assert_array_equal(at_first_rate(unknown, x, problem), x)

@@ -37,7 +37,7 @@ def test_columns_and_prediction_of_an_offset_tell_the_same_cost(case):
     config, problem, blocks = case
     names = list(problem.names)
     own = names.index("torque_offset.joint4")
-    states = np.arange(problem.torque_offset.start, problem.torque_offset.stop)
+    states = np.arange(problem.at("torque_offset").start, problem.at("torque_offset").stop)
     by_columns = left_out.Information(problem, "fused", blocks).without(
         states, np.empty(0, np.int64)
     )
@@ -59,7 +59,7 @@ def test_sigma_and_cost_are_those_of_the_normal_equations(case):
     _, problem, blocks = case
     rows = stack(row_function("fused", "eiv", problem), blocks, problem.prior_mean)
     A = np.concatenate([own.A for own in rows])
-    states = np.arange(problem.torque_offset.start, problem.torque_offset.stop)
+    states = np.arange(problem.at("torque_offset").start, problem.at("torque_offset").stop)
     kept = np.setdiff1d(np.arange(A.shape[1]), states)
     prior = problem.prior_covariance
     unit = np.sqrt(np.diag(prior))[kept]  # scaled: the units of masses and biases lie far apart

@@ -44,7 +44,7 @@ def solved(config: Config, blocks: list[Block], method: str) -> tuple[np.ndarray
 
     def keep(problem: Problem, mean: np.ndarray, covariance: np.ndarray, _: Any) -> None:
         states = np.arange(len(mean))
-        zeros = states[problem.joint_zero][list(TURNING)]
+        zeros = states[problem.at("joint_zero")][list(TURNING)]
         k = np.r_[states[problem.body("target")], zeros]
         found.append(mean[k] - np.r_[parameters(TARGET), 0.0, 0.0])
         found.append(np.sqrt(np.diag(covariance))[k])

@@ -143,7 +143,7 @@ def test_residual_momentum_turns_the_whole_at_rest() -> None:
     problem, x = problem_and_state()
     x[20:] = 0.0
     L = np.array([0.4, -1.0, 0.7])
-    x[problem.momentum] = L
+    x[problem.at("momentum")] = L
     block = random_block()
     still = replace(
         block, qd_rad_s=np.zeros_like(block.qd_rad_s), qdd_rad_s2=np.zeros_like(block.qdd_rad_s2)

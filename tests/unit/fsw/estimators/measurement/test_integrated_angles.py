@@ -27,7 +27,7 @@ def case(unknown: tuple[str, ...] = ("target",), share: float = 0.37) -> tuple[P
 
 def state(problem: Problem) -> np.ndarray:
     x = problem.prior_mean.copy()
-    for k in (problem.joint_zero, problem.joint_walk):
+    for k in (problem.at("joint_zero"), problem.at("joint_walk")):
         x[k] += 3e-3 * np.random.default_rng(k.start).normal(size=k.stop - k.start)
     return x
 
@@ -57,8 +57,8 @@ def test_predictions_derivatives(unknown: tuple[str, ...], rate: Any) -> None:
 def test_steps_behind_the_walk_do_nothing_and_those_before_it_all() -> None:
     problem, block = case(share=0.5)
     J = predict(block, state(problem), problem).J
-    zero = np.arange(J.shape[2])[problem.joint_zero][list(TURNING)]
-    steps = np.arange(J.shape[2])[problem.joint_walk].reshape(len(TURNING), -1)
+    zero = np.arange(J.shape[2])[problem.at("joint_zero")][list(TURNING)]
+    steps = np.arange(J.shape[2])[problem.at("joint_walk")].reshape(len(TURNING), -1)
     half = steps.shape[1] // 2
     for own, row in zip(zero, steps, strict=True):
         np.testing.assert_allclose(J[:, :, row[: half - 1]], J[:, :, [own]] + 0.0 * row[: half - 1])

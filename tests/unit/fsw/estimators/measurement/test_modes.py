@@ -137,7 +137,11 @@ def test_what_is_not_excited_stays_at_its_prior() -> None:
     step_ns = round(WINDOW_S * 1e9)
     blocks = [replace(still, index=k, t_ns=still.t_ns + k * step_ns) for k in range(5)]
     covariance = information(problem, blocks, x).covariance()
-    for states in (problem.mode_mass, problem.mode_frequency, problem.mode_damping):
+    for states in (
+        problem.at("mode_mass"),
+        problem.at("mode_frequency"),
+        problem.at("mode_damping"),
+    ):
         np.testing.assert_allclose(
             np.diag(covariance)[states], np.diag(problem.prior_covariance)[states], rtol=1e-3
         )
@@ -149,13 +153,13 @@ def test_a_base_is_linearised_as_more_than_its_modes() -> None:
     rows = row_function("fused", "eiv", problem)
     light = true_state(problem)
     light[problem.body("base")] *= 0.9 * (PANEL.mass_kg + TANK.mass_kg) / BASE.mass_kg
-    light[problem.mode_frequency] = 2.0
+    light[problem.at("mode_frequency")] = 2.0
     at = problem.consistent(light, lambda: problem.prior_covariance)
     assert problem.modes is not None
     assert is_consistent(at[problem.body("base")])
     assert is_consistent(problem.modes.released.pi(at)[:PARAMETERS])
-    sigma = np.sqrt(np.diag(problem.prior_covariance)[problem.mode_frequency])
-    assert np.all(np.abs(at[problem.mode_frequency]) <= 3.0 * sigma)
+    sigma = np.sqrt(np.diag(problem.prior_covariance)[problem.at("mode_frequency")])
+    assert np.all(np.abs(at[problem.at("mode_frequency")]) <= 3.0 * sigma)
     assert usable_rows(rows, block, at, None) is not None
     heavy = true_state(problem)
     assert problem.consistent(heavy, lambda: problem.prior_covariance) is heavy
@@ -165,7 +169,7 @@ def test_after_a_gap_the_windows_together_know_the_modes_as_well_as_before_and_n
     """One window alone, and all after the gap, must say less of the start than of no gap."""
     problem, blocks = problem_with_modes(), true_blocks(60)
     x = true_state(problem)
-    k = problem.mode_frequency
+    k = problem.at("mode_frequency")
     whole = information(problem, blocks, x).covariance()[k, k]
     torn = information(problem, [*blocks[:30], *blocks[35:]], x).covariance()[k, k]
     short = information(problem, blocks[:30], x).covariance()[k, k]

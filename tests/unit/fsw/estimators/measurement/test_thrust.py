@@ -30,7 +30,7 @@ def case(seed: int = 1, **options: Any) -> tuple[Problem, np.ndarray, Block]:
     rng = np.random.default_rng(seed)
     x = problem.prior_mean.copy()
     x[20:] = 0.01 * rng.normal(size=len(x) - 20)
-    for states in (problem.thrust_delay, problem.thrust_rise):
+    for states in (problem.at("thrust_delay"), problem.at("thrust_rise")):
         x[states] = 2e-3 * rng.normal(size=len(CORNERS))
     return problem, x, firing(random_block(seed), seed)
 
@@ -49,8 +49,8 @@ def test_nodes_hold_the_projections_of_force_and_impulse() -> None:
     problem, x, block = case()
     found, half = thrust.profile(block, x, problem), WINDOW_S / 2
     points = legendre.leggauss(NODES)[0]
-    delay = problem.thrusters.delay_s + x[problem.thrust_delay]
-    rise = problem.thrusters.rise_s + x[problem.thrust_rise]
+    delay = problem.thrusters.delay_s + x[problem.at("thrust_delay")]
+    rise = problem.thrusters.rise_s + x[problem.at("thrust_rise")]
     for k in range(len(CORNERS)):
         own = block.edges[(block.edges[:, 0] == k) & (block.edges[:, 2] != 0), 1] + delay[k]
         breaks = [t for t in own if abs(t) < half]
@@ -104,9 +104,9 @@ def test_the_time_open_becomes_the_impulse_before() -> None:
 def test_state_jacobians_are_the_derivatives(rate: Any) -> None:
     problem, x, block = case()
     found = predict(block, x, problem, rate)
-    assert problem.names[problem.thrust_delay.start] == "thrust_delay.thruster1"
+    assert problem.names[problem.at("thrust_delay").start] == "thrust_delay.thruster1"
     for k in range(len(x)):
-        h = 1e-6 if k >= problem.thrust_delay.start else 1e-5 * max(1.0, abs(x[k]))
+        h = 1e-6 if k >= problem.at("thrust_delay").start else 1e-5 * max(1.0, abs(x[k]))
         d = h * np.eye(len(x))[k]
         up, down = predict(block, x + d, problem, rate), predict(block, x - d, problem, rate)
         for name, jacobian in FIELDS.items():
@@ -129,7 +129,7 @@ def test_mrnea_takes_the_force_off(weighting: str) -> None:
     block = replace(block, edges=edges_of([(3, -2.0, np.inf), (5, -2.0, np.inf)], 0.0))
     closed = replace(block, edges=edges_of([], 0.0))
     rows, without = (mrnea_rows(b, x, problem, weighting) for b in (block, closed))
-    k = problem.thrust_scale
+    k = problem.at("thrust_scale")
     gain = 1.0 + x[k]
     # whitened alike but for eiv's noise, which does not know of the force either
     change = rows.b - without.b

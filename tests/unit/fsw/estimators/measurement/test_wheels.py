@@ -45,7 +45,7 @@ def with_rotors(problem: Problem, x: np.ndarray) -> pin.Model:
     for index in range(1, model.njoints):
         own = pi[10 * (index - 1) : 10 * index]
         model.inertias[index] = pin.Inertia.FromDynamicParameters(own)
-    scales = 1.0 + x[problem.wheel_scale]
+    scales = 1.0 + x[problem.at("wheel_scale")]
     for k, axis in enumerate(PYRAMID):
         J, place = INERTIA_KG_M2 * scales[k], pin.SE3(np.eye(3), np.array([0.3, -0.2, 0.1 * k]))
         joint = model.addJoint(1, pin.JointModelRevoluteUnaligned(axis), place, f"rotor {k}")
@@ -63,7 +63,7 @@ def test_the_prediction_is_that_of_a_robot_with_explicit_rotors(seed: int) -> No
     """Pinocchio's dynamics of base, arm and four rotors: free base, zero wrench."""
     problem, x, block = case(seed)
     x[problem.bodies.stop :] = 0.0
-    x[problem.wheel_scale] = [0.1, -0.2, 0.3, 0.05]
+    x[problem.at("wheel_scale")] = [0.1, -0.2, 0.3, 0.05]
     found, model = predict(block, x, problem), with_rotors(problem, x)
     data, nv, r = model.createData(), model.nv, problem.p_BS_m
     assert nv == 6 + N + 4
@@ -92,7 +92,7 @@ def test_state_jacobians_are_the_derivatives(rate: Any) -> None:
     problem, x, block = case(doubt=True)
     x[20:] *= 0.1
     found = predict(block, x, problem, rate)
-    assert problem.names[problem.wheel_scale.start] == "wheel_scale.wheel1"
+    assert problem.names[problem.at("wheel_scale").start] == "wheel_scale.wheel1"
     for k in range(len(x)):
         h = 1e-5 * max(1.0, abs(x[k]))
         d = h * np.eye(len(x))[k]
@@ -166,9 +166,9 @@ def consistent(block: Block, x: np.ndarray, problem: Problem) -> Block:
     """Return the block with sensors that measure what the momentum's prediction says."""
     p = predict(block, x, problem)
     quiet = x.copy()
-    for part in (problem.acc_bias, problem.gyro_bias):
+    for part in (problem.at("acc_bias"), problem.at("gyro_bias")):
         quiet[part] = 0.0
-    w = p.w_rad_s - (x[problem.gyro_bias] if present(problem.gyro_bias) else 0.0)
+    w = p.w_rad_s - (x[problem.at("gyro_bias")] if present(problem.at("gyro_bias")) else 0.0)
     # wd from the accelerometer at two places: the base's predicted angular acceleration
     force, lever = [], np.eye(3)
     for place in (np.zeros(3), *lever):
@@ -185,7 +185,7 @@ def consistent(block: Block, x: np.ndarray, problem: Problem) -> Block:
 
 def test_the_mrnea_column_of_a_wheel_s_inertia_is_the_derivative() -> None:
     problem, x, block = case()
-    k = problem.wheel_scale
+    k = problem.at("wheel_scale")
     for j in range(k.start, k.stop):
         d = 1e-4 * np.eye(len(x))[j]
         rows = {s: mrnea_rows(block, x + s * d, problem, "ols") for s in (-1.0, 0.0, 1.0)}
@@ -234,7 +234,7 @@ def test_the_compensated_regression_takes_the_moment_off_the_known_side() -> Non
     """Consistent measurements: no squares are left at the true state, and some without wheels."""
     problem = build_problem(config_with_wheels(biases=False), robot_model(), exact=True)
     x = problem.prior_mean.copy()
-    assert problem.wheel_scale == slice(0, 0)
+    assert problem.at("wheel_scale") == slice(0, 0)
     made = consistent(turning(random_block()), x, problem)
     still = replace(made, wheel_nms=0.0 * made.wheel_nms, wheel_nm=0.0 * made.wheel_nm)
     extended = np.append(x, -1.0)
@@ -246,9 +246,9 @@ def test_the_compensated_regression_takes_the_moment_off_the_known_side() -> Non
 def test_the_column_of_a_wheel_s_delay_is_the_derivative(rate: Any) -> None:
     problem = problem_with_wheels(momentum_sigma_nms=1.0, wheel={"delay_sigma_s": 1e-3})
     x, block = problem.prior_mean.copy(), turning(random_block(1), 1)
-    x[problem.wheel_delay] = [1e-3, -2e-3, 0.0, 3e-3]
+    x[problem.at("wheel_delay")] = [1e-3, -2e-3, 0.0, 3e-3]
     found = predict(block, x, problem, rate)
-    for k in range(len(x))[problem.wheel_delay]:
+    for k in range(len(x))[problem.at("wheel_delay")]:
         d = 1e-5 * np.eye(len(x))[k]
         up, down = predict(block, x + d, problem, rate), predict(block, x - d, problem, rate)
         for name, jacobian in FIELDS.items():
@@ -271,7 +271,7 @@ def test_a_delayed_wheel_is_read_later() -> None:
         wheel_nm=rates + np.outer(t_s, 10.0 * rates),
     )
     x, late_s = problem.prior_mean.copy(), 1e-4
-    x[problem.wheel_delay] = late_s
+    x[problem.at("wheel_delay")] = late_s
     found = wheels.turning(BlockStack((block,)), x, problem)
     assert found is not None
     later = rates + np.outer(t_s + late_s, 10.0 * rates)

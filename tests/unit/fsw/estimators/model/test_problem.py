@@ -42,16 +42,16 @@ def test_names_follow_the_slices() -> None:
     assert len(problem.names) == len(problem.prior_mean) == 20 + 7 + 3 + 3 + 3
     assert problem.names[:2] == ("base.m", "base.mcx")
     assert problem.names[problem.body("target")][0] == "target.m"
-    assert problem.names[problem.torque_offset][6] == "torque_offset.joint7"
+    assert problem.names[problem.at("torque_offset")][6] == "torque_offset.joint7"
     for kind in ("acc_bias", "gyro_bias", "momentum"):
-        assert problem.names[getattr(problem, kind)] == tuple(f"{kind}.{axis}" for axis in "xyz")
+        assert problem.names[problem.at(kind)] == tuple(f"{kind}.{axis}" for axis in "xyz")
 
 
 def test_a_nuisance_without_uncertainty_is_no_state() -> None:
     problem = make_problem(("target",), biases=False)
     assert len(problem.names) == 10
     for kind in ("torque_offset", "acc_bias", "gyro_bias", "momentum"):
-        assert len(problem.prior_mean[getattr(problem, kind)]) == 0
+        assert len(problem.prior_mean[problem.at(kind)]) == 0
 
 
 def test_prior_spreads_as_configured() -> None:
@@ -88,7 +88,7 @@ def test_offsets_follow_the_models_order_of_joints() -> None:
     joints[0] = joints[0].model_copy(update={"torque_offset_sigma_nm": 0.7})
     shuffled = config.model_copy(update={"joints": tuple(joints[::-1])})
     problem = build_problem(shuffled, robot_model())
-    sigma = np.sqrt(np.diag(problem.prior_covariance))[problem.torque_offset]
+    sigma = np.sqrt(np.diag(problem.prior_covariance))[problem.at("torque_offset")]
     np.testing.assert_allclose(sigma, [0.7] + [0.2] * 6)
 
 

@@ -59,7 +59,7 @@ def test_the_store_decides_how_far_the_steps_reach() -> None:
     assert walks is not None
     np.testing.assert_allclose(walks.knots_rad2[:, -1], DENSITY * 100 * WINDOW_S, rtol=1e-6)
     problem = build_problem(config, robot_model())
-    k = problem.joint_walk
+    k = problem.at("joint_walk")
     assert k.stop - k.start == len(TURNING) * STEPS
     assert not set(range(k.start, k.stop)) & set(problem.published.tolist())
     np.testing.assert_allclose(
@@ -70,4 +70,4 @@ def test_the_store_decides_how_far_the_steps_reach() -> None:
 def test_no_speed_only_joint_no_walk() -> None:
     problem = build_problem(make_config(), robot_model())
     assert problem.walks is None
-    assert problem.joint_walk == slice(0, 0)
+    assert problem.at("joint_walk") == slice(0, 0)

@@ -28,8 +28,8 @@ def test_nothing_is_lost_and_nothing_counted_twice() -> None:
     after = SquareRootInformation.from_prior(epoch.mean, epoch.covariance).update(
         epoch.data.R, epoch.data.z
     )
-    zeros = np.arange(p)[problem.joint_zero][list(TURNING)]
-    steps = np.arange(p)[problem.joint_walk]
+    zeros = np.arange(p)[problem.at("joint_zero")][list(TURNING)]
+    steps = np.arange(p)[problem.at("joint_walk")]
     T = np.eye(p)
     shares = walks.shares(walk[None])[0]
     for zero, own, share in zip(zeros, steps.reshape(2, -1), shares, strict=True):
@@ -52,7 +52,7 @@ def test_nothing_is_lost_and_nothing_counted_twice() -> None:
 def test_another_momentum_leaves_what_is_known_of_the_others() -> None:
     """Mean and covariance of the others are as before, whatever the prior told of both together."""
     problem = build_problem(make_config(momentum_sigma_nms=0.5), robot_model())
-    p, own = len(problem.names), problem.momentum
+    p, own = len(problem.names), problem.at("momentum")
     others = np.delete(np.arange(p), own)
     rng = np.random.default_rng(1)
     sigma = np.sqrt(np.diag(problem.prior_covariance))

@@ -78,7 +78,7 @@ def test_a_sensor_is_never_widened_beyond_what_it_can_be() -> None:
     assert [(group.name, group.factor, group.of_model) for group in found] == [
         ("acc_bias", LARGEST, True)
     ]
-    bias = problem.acc_bias
+    bias = problem.at("acc_bias")
     ratio = np.sqrt(np.diag(widened)[bias] / np.diag(prior[1])[bias])
     np.testing.assert_allclose(ratio, LARGEST)
     again, still = widen(problem, (prior[0], widened), estimate)

@@ -55,16 +55,16 @@ def test_every_nuisance_explains_what_it_does(kind) -> None:
     with_it = truth.copy()
     if kind == "wrench":
         block = true_block(disturbed("wrench"), 30.0)
-        with_it[problem.wrench] = np.concatenate([FORCE_N, MOMENT_NM])
+        with_it[problem.at("wrench")] = np.concatenate([FORCE_N, MOMENT_NM])
     else:
         block = true_blocks_cached("target", 59.9)[60]
     if kind == "scale":
         error = np.array([0.01, -0.02, 0.01, 0.03, -0.01, 0.02, 0.01])
         block = replace(block, tau_nm=block.tau_nm * (1 + error))
-        with_it[problem.torque_scale] = error / (1 + error)
+        with_it[problem.at("torque_scale")] = error / (1 + error)
     if kind == "gyro":
-        with_it[problem.gyro_bias] = [3e-5, -2e-5, 1e-5]
-        block = replace(block, w_NB_B_rad_s=block.w_NB_B_rad_s + with_it[problem.gyro_bias])
+        with_it[problem.at("gyro_bias")] = [3e-5, -2e-5, 1e-5]
+        block = replace(block, w_NB_B_rad_s=block.w_NB_B_rad_s + with_it[problem.at("gyro_bias")])
     F = block_sums(block, truth, problem).F
     squares = [float(np.append(x, -1.0) @ F @ np.append(x, -1.0)) for x in (truth, with_it)]
     assert squares[1] < 1e-3 * squares[0]

@@ -1,0 +1,104 @@
+"""A group of states: one record with everything that the other rooms must know of it.
+
+A group has one state for each of its labels, with a zero-mean Gaussian prior. If all sigmas are
+zero, the group is not part of the state.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from fsw.config import Config, JointConfig
+from fsw.estimators.model.walks import Walks
+
+Spread = tuple[Sequence[str], Sequence[float]]  # labels of a group's states, and their sigmas
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Setting:
+    """What the priors depend on; joints are in the model's order."""
+
+    config: Config
+    joints: Sequence[JointConfig]
+    walks: Walks | None
+
+
+def _always(_config: Config) -> bool:
+    return True
+
+
+def _nothing(_setting: Setting) -> Spread:
+    return (), ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StateGroup:
+    """One kind of state.
+
+    Attributes
+    ----------
+    name : first part of the states' names, such as `torque_offset` of `torque_offset.joint1`
+    effect : what the states are, in words
+    key : configuration key of the prior
+    cause : under which the report counts the states' share in the variance; empty: `effect`
+    prior : labels and sigmas for a configuration; groups that others append have none
+    is_possible : whether a robot can have the effect, besides having the key's section
+    is_calibration : whether data of arm and sensors taken as exact have no such states
+    is_hidden : whether an estimate leaves the states out, as it does calibration
+    is_judged : whether a value far from its prior makes the estimate implausible
+    is_repeated : whether two runs of one robot have the states in common
+    is_free : whether the prior may be widened as far as the data require
+    shared : share of the variance that is common to all states of the group
+    mistake : the key whose value is wrong where the data contradict the prior; empty: none
+    """
+
+    name: str
+    effect: str
+    unit: str
+    key: str
+    cause: str = ""
+    prior: Callable[[Setting], Spread] = _nothing
+    is_possible: Callable[[Config], bool] = _always
+    is_calibration: bool = False
+    is_hidden: bool = False
+    is_judged: bool = False
+    is_repeated: bool = False
+    is_free: bool = False
+    shared: float = 0.0
+    mistake: str = ""
+
+    @property
+    def title(self) -> str:
+        """Return effect and unit."""
+        return f"{self.effect} [{self.unit}]" if self.unit else self.effect
+
+    @property
+    def is_published(self) -> bool:
+        """Return whether an estimate contains the states."""
+        return not (self.is_calibration or self.is_hidden)
+
+    @property
+    def joint_key(self) -> str:
+        """Return the key within a joint's section; empty: the key is of another section."""
+        section, _, key = self.key.partition("[].")
+        return key if section == "joints" else ""
+
+    @property
+    def is_exact_if_absent(self) -> bool:
+        """Return whether data count as exact without the states; else an effect is left out."""
+        return self.is_judged or not self.is_published
+
+    def applies_to(self, config: Config) -> bool:
+        """Return whether a robot has what the states are of."""
+        section = self.key.partition(".")[0].removesuffix("[]")
+        has = config.imu.present if section == "imu" else bool(getattr(config, section))
+        return has and self.is_possible(config)
+
+
+def per_joint(key: str) -> Callable[[Setting], Spread]:
+    """Return the prior of one state for each joint, whose sigma is a key of the joint."""
+
+    def prior(setting: Setting) -> Spread:
+        joints = setting.joints
+        return [joint.name for joint in joints], [getattr(joint, key) for joint in joints]
+
+    return prior

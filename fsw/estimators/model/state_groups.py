@@ -1,0 +1,313 @@
+"""The table of all groups of states besides the unknown bodies; its order is that of the state."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from fsw.config import Config
+from fsw.estimators.model.state_group import Setting, Spread, StateGroup, per_joint
+from fsw.estimators.model.walks import LEAST_RAD2
+
+
+def _is_unclamped(config: Config) -> bool:
+    return config.base.motion != "clamped"
+
+
+def _integrates(config: Config) -> bool:
+    return any(joint.speed_only for joint in config.joints)
+
+
+def _of_imu(key: str, labels: Sequence[str] = "xyz") -> Callable[[Setting], Spread]:
+    return lambda setting: (labels, [getattr(setting.config.imu, key)] * len(labels))
+
+
+def _of_estimator(**labels: Sequence[str]) -> Callable[[Setting], Spread]:
+    def prior(setting: Setting) -> Spread:
+        own = setting.config.estimator
+        sigmas = [getattr(own, key) for key, names in labels.items() for _ in names]
+        return [name for names in labels.values() for name in names], sigmas
+
+    return prior
+
+
+def _each(section: str, key: str) -> Callable[[Setting], Spread]:
+    """Return the prior of one state for each wheel or thruster."""
+
+    def prior(setting: Setting) -> Spread:
+        parts = getattr(setting.config, section)
+        return [part.name for part in parts], [getattr(part, key) for part in parts]
+
+    return prior
+
+
+def _zeros(setting: Setting) -> Spread:
+    """Return the sigma of every joint's zero [rad], including the walk before the first knot."""
+    variance = np.array([joint.zero_sigma_rad for joint in setting.joints]) ** 2
+    walks = setting.walks
+    if walks is not None:
+        variance[walks.joints] += walks.knots_rad2[:, 0] + LEAST_RAD2  # not 0: a zero is a state
+    return [joint.name for joint in setting.joints], list(np.sqrt(variance))
+
+
+def _steps(setting: Setting) -> Spread:
+    """Return the label and the sigma [rad] of every step of every random walk."""
+    walks = setting.walks
+    if walks is None:
+        return (), ()
+    sigmas, names = np.sqrt(walks.steps_rad2), [joint.name for joint in setting.joints]
+    labels = [f"{names[j]}.{k + 1}" for j in walks.joints for k in range(sigmas.shape[1])]
+    return labels, sigmas.ravel().tolist()
+
+
+def _target_wrench(setting: Setting) -> Spread:
+    """Return force and moment in inertial axes, then a force in axes E."""
+    labels = ("fx", "fy", "fz", "tx", "ty", "tz", "ex", "ey", "ez")
+    own = setting.config.estimator
+    force, torque = [own.target_force_sigma_n] * 3, [own.target_torque_sigma_nm] * 3
+    return labels, force + torque + force
+
+
+GROUPS = (
+    StateGroup(
+        name="known",
+        effect="errors of known bodies",
+        unit="",
+        key="robot.links_sigma_ratio",
+        cause="inertial data of known bodies and links",
+        is_hidden=True,
+        is_repeated=True,
+        mistake="masses and inertias of the robot's links",
+    ),
+    StateGroup(
+        name="torque_offset",
+        effect="torque offsets",
+        unit="N m",
+        key="joints[].torque_offset_sigma_nm",
+        prior=per_joint("torque_offset_sigma_nm"),
+    ),
+    StateGroup(
+        name="acc_bias",
+        effect="bias of accelerometer",
+        unit="m/s^2",
+        key="imu.acc_bias_sigma_m_s2",
+        cause="accelerometer bias",
+        prior=_of_imu("acc_bias_sigma_m_s2"),
+    ),
+    StateGroup(
+        name="gyro_bias",
+        effect="bias of gyro",
+        unit="rad/s",
+        key="imu.gyro_bias_sigma_rad_s",
+        cause="gyro bias",
+        prior=_of_imu("gyro_bias_sigma_rad_s"),
+    ),
+    StateGroup(
+        name="momentum",
+        effect="momentum",
+        unit="N m s",
+        key="estimator.momentum_sigma_nms",
+        prior=_of_estimator(momentum_sigma_nms="xyz"),
+        is_possible=_is_unclamped,
+        is_free=True,
+    ),
+    StateGroup(
+        name="torque_scale",
+        effect="torque scales",
+        unit="",
+        key="joints[].torque_scale_sigma_ratio",
+        cause="torque scale",
+        prior=per_joint("torque_scale_sigma_ratio"),
+        is_judged=True,
+        is_repeated=True,
+        shared=0.5,  # one calibration rig for all joints
+        mistake="torque_gain of joints",
+    ),
+    StateGroup(  # force [N] and moment [N m] at the base's origin, inertial axes
+        name="wrench",
+        effect="constant wrench on the base",
+        unit="N, N m",
+        key="estimator.external_*",
+        cause="external wrench",
+        prior=_of_estimator(
+            external_force_sigma_n=("fx", "fy", "fz"), external_torque_sigma_nm=("tx", "ty", "tz")
+        ),
+        is_possible=_is_unclamped,
+        is_free=True,
+    ),
+    StateGroup(  # as `wrench`, at the target's centre of mass; then a force in axes E [N]
+        name="target_wrench",
+        effect="constant wrench on the target",
+        unit="N, N m",
+        key="estimator.target_*",
+        cause="external wrench",
+        prior=_target_wrench,
+        is_free=True,
+    ),
+    StateGroup(  # true angle less the measured one
+        name="joint_zero",
+        effect="zeros of joints",
+        unit="rad",
+        key="joints[].zero_sigma_rad",
+        cause="joint zeros",
+        prior=_zeros,
+        is_calibration=True,
+        is_repeated=True,
+        mistake="zero_offset_rad of joints",
+    ),
+    StateGroup(  # true place less p_BS_m
+        name="imu_place",
+        effect="place of the inertial unit",
+        unit="m",
+        key="imu.mounting_position_sigma_m",
+        cause="inertial unit's place",
+        prior=_of_imu("mounting_position_sigma_m"),
+        is_calibration=True,
+        is_repeated=True,
+    ),
+    StateGroup(  # rotation vector, B axes, from the configured attitude to the true one
+        name="imu_angle",
+        effect="its attitude",
+        unit="rad",
+        key="imu.mounting_angle_sigma_rad",
+        cause="inertial unit's attitude",
+        prior=_of_imu("mounting_angle_sigma_rad"),
+        is_calibration=True,
+        is_repeated=True,
+    ),
+    StateGroup(  # true rate over the gyro's reading along each axis of the unit, less 1
+        name="gyro_scale",
+        effect="scales of the gyro",
+        unit="",
+        key="imu.gyro_scale_sigma_ratio",
+        cause="gyro's scales and axes",
+        prior=_of_imu("gyro_scale_sigma_ratio"),
+        is_calibration=True,
+        is_repeated=True,
+    ),
+    StateGroup(  # angles by which axes xy, xz, yz of the gyro lean to one another
+        name="gyro_axes",
+        effect="axes of the gyro that lean",
+        unit="rad",
+        key="imu.gyro_axes_sigma_rad",
+        cause="gyro's scales and axes",
+        prior=_of_imu("gyro_axes_sigma_rad", ("xy", "xz", "yz")),
+        is_calibration=True,
+        is_repeated=True,
+    ),
+    StateGroup(  # of each joint, as its torque sensor measures it
+        name="friction_coulomb",
+        effect="Coulomb friction",
+        unit="N m",
+        key="joints[].friction_coulomb_sigma_nm",
+        cause="friction in the torque sensors",
+        prior=per_joint("friction_coulomb_sigma_nm"),
+        is_repeated=True,
+        is_free=True,
+    ),
+    StateGroup(
+        name="friction_viscous",
+        effect="viscous friction",
+        unit="N m s/rad",
+        key="joints[].friction_viscous_sigma_nms_rad",
+        cause="friction in the torque sensors",
+        prior=per_joint("friction_viscous_sigma_nms_rad"),
+        is_repeated=True,
+        is_free=True,
+    ),
+    StateGroup(  # relative error of each wheel's axial inertia
+        name="wheel_scale",
+        effect="inertia of wheels",
+        unit="",
+        key="wheels[].inertia_sigma_ratio",
+        prior=_each("wheels", "inertia_sigma_ratio"),
+        is_calibration=True,
+        mistake="axial inertia of wheels",
+    ),
+    StateGroup(  # true delay less the configured one
+        name="wheel_delay",
+        effect="delay of wheels",
+        unit="s",
+        key="wheels[].delay_sigma_s",
+        prior=_each("wheels", "delay_sigma_s"),
+        is_calibration=True,
+    ),
+    StateGroup(  # relative error of each thruster's force
+        name="thrust_scale",
+        effect="force of thrusters",
+        unit="",
+        key="thrusters[].force_sigma_ratio",
+        cause="thrusters",
+        prior=_each("thrusters", "force_sigma_ratio"),
+        is_calibration=True,
+        shared=0.5,  # one supply pressure
+        mistake="force_n of thrusters",
+    ),
+    StateGroup(  # true delay less the configured one
+        name="thrust_delay",
+        effect="delay of thrusters",
+        unit="s",
+        key="thrusters[].delay_sigma_s",
+        cause="thrusters",
+        prior=_each("thrusters", "delay_sigma_s"),
+        is_calibration=True,
+        mistake="delay_s of thrusters",
+    ),
+    StateGroup(  # true rise time less the configured one
+        name="thrust_rise",
+        effect="rise of thrusters",
+        unit="s",
+        key="thrusters[].rise_sigma_s",
+        cause="thrusters",
+        prior=_each("thrusters", "rise_sigma_s"),
+        is_calibration=True,
+        mistake="rise_s of thrusters",
+    ),
+    StateGroup(  # see `Walks`
+        name="joint_walk",
+        effect="walks of integrated angles",
+        unit="rad",
+        key="joints[].speed_noise_rad_s",
+        cause="joint zeros",
+        prior=_steps,
+        is_possible=_integrates,
+        is_calibration=True,
+    ),
+    StateGroup(  # relative error of the inertia of each of the base's modes
+        name="mode_mass",
+        effect="mass of modes",
+        unit="",
+        key="modes[].mass_sigma_ratio",
+        cause="modes of the base",
+        is_judged=True,
+    ),
+    StateGroup(  # logarithm of the factor on the configured frequency
+        name="mode_frequency",
+        effect="frequency of modes",
+        unit="",
+        key="modes[].frequency_sigma_ratio",
+        cause="modes of the base",
+        is_judged=True,
+    ),
+    StateGroup(
+        name="mode_damping",
+        effect="damping of modes",
+        unit="",
+        key="modes[].damping_sigma_ratio",
+        cause="modes of the base",
+        is_judged=True,
+    ),
+    StateGroup(  # coordinates, then rates, at the start of the data [m or rad, and per s]
+        name="mode_start",
+        effect="modes that swing already when the motion begins",
+        unit="",
+        key="modes[].amplitude_*",
+        cause="modes of the base",
+        is_hidden=True,
+    ),
+)
+BY_NAME = {group.name: group for group in GROUPS}
+
+
+def group_of(state: str) -> StateGroup | None:
+    """Return the group of a state, such as `torque_offset.joint1`; None: it is of a body."""
+    return BY_NAME.get(state.partition(".")[0])
