@@ -93,6 +93,26 @@ def _add_real(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
         "--data", type=Path, required=True, metavar="DIR", help="where the recordings lie"
     )
     hardware.add_argument("--fetch", action="store_true", help="load what is missing from GitHub")
+    hardware.add_argument(
+        "--repository",
+        type=Path,
+        action="append",
+        default=[],
+        dest="repositories",
+        metavar="DIR",
+        help="with --fetch: a local git repository of the data; may be repeated",
+    )
+    hardware.add_argument(
+        "--arm",
+        action="append",
+        default=[],
+        dest="arms",
+        metavar="NAME",
+        help="this one, such as ur10e; may be repeated; default: all",
+    )
+    hardware.add_argument(
+        "--held-out", action="store_true", help="judge also the runs that no choice has used"
+    )
     hardware.add_argument("--out", type=Path, metavar="DIR", help="keep what was imported")
     hardware.add_argument("--json", action="store_true", dest="as_json", help="print one JSON list")
     hardware.add_argument(

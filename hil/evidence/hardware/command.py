@@ -1,186 +1,174 @@
-"""`hil hardware`: real arms that hold nothing, through `fsw import` and `fsw identify`.
+"""`hil hardware`: real arms with a known payload, through `fsw import` and `fsw identify`.
 
-The flange is empty, so the true mass is zero and every identified value is an error. The model of
-the arm comes from the other half of the recording, or is the published model of another arm.
+Each arm is one declaration (`arms.Arm`). Its runs are identified with the configuration that
+`fsw init` wrote and with what its owner would add, alone and against an empty run.
 """
 
+from __future__ import annotations
+
 import json
-import subprocess
 import sys
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, replace
+from importlib import import_module
 from pathlib import Path
-from typing import Any
+from pkgutil import iter_modules
 
 import numpy as np
 import yaml
 from rich.console import Console
-from scipy.stats import chi2
 
-from hil.evidence.hardware import panda, throws_command
-from hil.evidence.hardware.data_set import DataError
+from hil.evidence.hardware import robots, throws_command
+from hil.evidence.hardware.arms import Arm
+from hil.evidence.hardware.data_set import DataError, DataSet
+from hil.evidence.hardware.judge import (
+    EMPTY_SIGMAS,
+    LOADED_SIGMAS,
+    NEES_BOUND,
+    SIGMA_RATIO,
+    Case,
+    Result,
+    judged,
+)
+from hil.evidence.hardware.prepared import import_motion, prepare
 from hil.evidence.store import results_in
 from hil.evidence.terminal import print_table
 
 FAILED_EXIT, WRONG_EXIT = 1, 2
-HOLDOUT = "0.3"
-NEES_BOUND = float(chi2.ppf(0.99, 10))
-MASS_SIGMAS = 2.0
-# Bounds of the rms residual of held-out torques [N m]. First arm: least squares with a friction
-# model reaches 0.132. Second arm: the first arm's published model with friction leaves 0.344.
-HELD_OUT_NM = {"first": 0.14, "second": 0.344}
-FEW_HZ = 100.0  # below this rate a window needs all of its samples and fewer nodes
-FEW = {"window_s": 0.4, "min_fill_ratio": 1.0, "nodes": 3}
-FEW_NOISE_RAD = 2e-4  # times in the bag scatter by 0.25 ms, and joints turn at up to 1 rad/s
-URDF = Path(__file__).parents[2] / "robots" / "panda.urdf"
-CONFIG = Path(__file__).with_name("panda.yaml")
-MAPPING = {
-    "time": {"column": "t_s", "unit": "s"},
-    "joints": {
-        "position": {"columns": "q_{}", "unit": "rad"},
-        "torque": {"columns": "tau_{}", "unit": "N m"},
-    },
-}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Result:
-    """The result of one identification of an empty flange."""
-
-    case: str
-    held_out_bound_nm: float
-    status: str  # of the identification, or the error message without one
-    mass_kg: float = float("nan")
-    mass_sigma_kg: float = float("nan")
-    nees: float = float("nan")
-    held_out_nm: float = float("nan")  # rms residual of the held-out torques
-    held_out_passed: bool = False  # the verdict of `fsw identify --holdout`
-
-    @property
-    def passed(self) -> bool:
-        """Whether NEES, mass and residuals of held-out torques are within their bounds."""
-        return (
-            self.nees <= NEES_BOUND
-            and abs(self.mass_kg) <= MASS_SIGMAS * self.mass_sigma_kg
-            and self.held_out_nm <= self.held_out_bound_nm
-        )
+def declared() -> dict[str, Arm]:
+    """Return the arms that the modules in `robots` declare, by name."""
+    modules = [
+        import_module(f"{robots.__name__}.{found.name}") for found in iter_modules(robots.__path__)
+    ]
+    return {arm.name: arm for module in modules for arm in module.ARMS}
 
 
-def run(data: Path, *, throws: bool, fetch: bool, out: Path | None, as_json: bool) -> int:
-    """Judge both arms, or the throws; return 0, 1 if a result failed, or 2 without the data."""
+def run(
+    data: Path,
+    *,
+    throws: bool,
+    fetch: bool,
+    out: Path | None,
+    as_json: bool,
+    arms: Sequence[str] = (),
+    held_out: bool = False,
+    repositories: Sequence[Path] = (),
+) -> int:
+    """Judge the arms, or the throws; return 0, 1 if a result failed, or 2 without the data."""
     if throws:
         return throws_command.run(data, fetch=fetch, out=out, as_json=as_json)
     progress = Console(stderr=True)
+    results: list[Result] = []
     try:
-        if fetch:
-            for data_set in (panda.FIRST, panda.SECOND):
-                data_set.fetch(data, progress.print)
-        motions = {"first": panda.first(data), "second": panda.second(data)}
+        chosen = _chosen(arms)
+        with results_in(out) as folder:
+            for arm in chosen:
+                if fetch:
+                    for data_set in arm.data_sets:
+                        data_set.fetch(data, progress.print, repositories)
+                results += _with_ratios(
+                    list(_judged(arm, data, folder / arm.name, progress, held_out=held_out))
+                )
     except DataError as error:
         sys.stderr.write(f"{error}\n")
         return WRONG_EXIT
-    results = []
-    with results_in(out) as folder:
-        for name, motion in motions.items():
-            parts = {"a": motion.part(0.0, 0.5), "b": motion.part(0.5, 1.0), "whole": motion}
-            config = _prepared(folder, name, motion.rate_hz)
-            for part, own in parts.items():
-                progress.print(f"{name} arm: importing {part}, {len(own.t_s)} samples")
-                _imported(folder, config, f"{name}_{part}", own)
-            for loaded, empty in (("a", "b"), ("b", "a"), ("whole", None)):
-                if empty is None and name == "first":
-                    continue  # the published arm was identified from this recording
-                arm = f"arm of half {empty}" if empty else "arm of the first, as published"
-                case = f"{name} arm, {loaded if loaded == 'whole' else f'half {loaded}'}, {arm}"
-                progress.print(f"{case}: identifying")
-                reference = None if empty is None else f"{name}_{empty}"
-                recording, bound = f"{name}_{loaded}", HELD_OUT_NM[name]
-                results.append(_judged(folder, config, case, recording, reference, bound))
     if as_json:
-        rows = [asdict(result) | {"passed": result.passed} for result in results]
+        rows = [asdict(result) | {"z": result.z, "verdict": result.verdict} for result in results]
         sys.stdout.write(json.dumps(rows) + "\n")
     else:
-        _print(results)
+        _print(results, chosen)
     return 0 if all(result.passed for result in results) else FAILED_EXIT
 
 
-def _prepared(out: Path, name: str, rate_hz: float) -> Path:
-    """Write robot file, mapping and flight configuration of an arm; return the configuration."""
-    (out / URDF.name).write_bytes(URDF.read_bytes())
-    document = yaml.safe_load(CONFIG.read_text(encoding="utf-8"))
-    document["buses"][0]["rate_hz"] = document["scheduler"]["tick_rate_hz"] = rate_hz
-    if rate_hz < FEW_HZ:
-        document["estimator"] = FEW
-        for joint in document["joints"]:
-            joint["position_noise_rad"] = FEW_NOISE_RAD
-    (out / "mapping.yaml").write_text(yaml.safe_dump(MAPPING), encoding="utf-8")
-    path = out / f"{name}.yaml"
-    path.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
-    return path
-
-
-def _imported(out: Path, config: Path, name: str, motion: panda.Motion) -> None:
-    motion.write(out / f"{name}.csv")
-    recording = out / f"{name}.mcap"
-    recording.unlink(missing_ok=True)
-    _fsw(
-        *("import", str(out / f"{name}.csv"), "--map", str(out / "mapping.yaml")),
-        *("--config", str(config), "--out", str(recording)),
-    )
+def _chosen(names: Sequence[str]) -> list[Arm]:
+    known = declared()
+    for name in names:
+        if name not in known:
+            raise DataError(f"--arm {name}: must be one of {', '.join(known)}")
+    return [known[name] for name in names or known]
 
 
 def _judged(
-    out: Path, config: Path, case: str, name: str, reference: str | None, bound_nm: float
-) -> Result:
-    arguments = ["identify", str(out / f"{name}.mcap"), "--config", str(config), "--json"]
-    if reference is not None:
-        arguments += ["--reference", str(out / f"{reference}.mcap")]
-    found, held = _fsw(*arguments), _fsw(*arguments, "--holdout", HOLDOUT)
-    if not found.stdout or not held.stdout:
-        said = (found.stderr or held.stderr).strip().splitlines()
-        status = said[-1] if said else "no result"
-        return Result(case=case, held_out_bound_nm=bound_nm, status=status)
-    values: dict[str, Any] = json.loads(found.stdout)
-    x = np.array(values["mean"][:10])
-    P = np.array(values["covariance"])[:10, :10]
-    judged = json.loads(held.stdout)["holdout"]
-    torques = [c for c in judged["channels"].values() if c["unit"] == "N m"]
-    squares = sum(c["nodes"] * c["rms"] ** 2 for c in torques)
-    return Result(
-        case=case,
-        held_out_bound_nm=bound_nm,
-        status=values["status"],
-        mass_kg=float(x[0]),
-        mass_sigma_kg=float(np.sqrt(P[0, 0])),
-        nees=float(x @ np.linalg.solve(P, x)),
-        held_out_nm=float(np.sqrt(squares / sum(c["nodes"] for c in torques))),
-        held_out_passed=judged["passed"],
-    )
+    arm: Arm, data: Path, folder: Path, progress: Console, *, held_out: bool
+) -> Iterator[Result]:
+    """Yield the results of all cases of an arm, with its runs imported into a folder."""
+
+    def read(data_set: DataSet, path: str) -> bytes:
+        return data_set.read(data, path).read_bytes()
+
+    config = prepare(arm, read, folder)
+    overlay = folder / "best.yaml"
+    overlay.write_text(yaml.safe_dump(dict(arm.overlay), sort_keys=False), encoding="utf-8")
+    runs = [run for run in arm.runs if held_out or not run.held_out]
+    recordings: dict[str, Path] = {}
+    for run in runs:
+        progress.print(f"{arm.name}: importing {run.name}")
+        recordings[run.name] = import_motion(arm, run.motion(read), config, folder / run.name)
+    for configuration in ("naive", "best") if arm.overlay else ("naive",):
+        best = overlay if configuration == "best" else None
+        for run in runs:
+            alone = [None] if run.alone else []
+            for reference in [*alone, run.empty] if run.empty else alone:
+                case = Case(arm=arm, run=run, configuration=configuration, reference=reference)
+                progress.print(f"{case.name}: identifying")
+                yield judged(case, recordings, config, best)
 
 
-def _fsw(*arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "fsw", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, check=False)
+def _with_ratios(results: Sequence[Result]) -> list[Result]:
+    """Return the results with their sigma over that of the same case's best configuration."""
+    best = {
+        result.case.removesuffix("best"): result.mass_sigma_kg
+        for result in results
+        if result.configuration == "best"
+    }
+    return [
+        replace(
+            result,
+            sigma_ratio=result.mass_sigma_kg
+            / best.get(result.case.removesuffix(result.configuration), float("nan")),
+        )
+        for result in results
+    ]
 
 
-def _print(results: list[Result]) -> None:
+def _print(results: Sequence[Result], arms: Sequence[Arm]) -> None:
     print_table(
-        "an empty flange, identified",
-        ("case", "status", "mass [g]", "NEES", "held out [N m]", "verdict"),
+        "recorded arms, identified",
+        (
+            *("case", "true [kg]", "mass [kg]", "z", "status", "claim on mass"),
+            *("held out", "sigma ratio", "verdict"),
+        ),
         [_line(result) for result in results],
-        140,
-        f"Bounds: NEES {NEES_BOUND:.1f} (10 parameters of nothing, 99 %), mass within"
-        f" {MASS_SIGMAS:g} sigma, rms of torques in windows that were not used.",
+        170,
+        f"ok: of use, within {EMPTY_SIGMAS:g} sigma of an empty flange or {LOADED_SIGMAS:g} of a"
+        f" payload, NEES of an empty flange at most {NEES_BOUND:.1f} (ten parameters, 99 %)."
+        " refused: the mass is not claimed. WRONG: claimed, and beyond"
+        f" {LOADED_SIGMAS:g} sigma. Held out: windows that were not used, as fsw identify judges"
+        f" them. Sigma ratio: over the best configuration's, at most {SIGMA_RATIO:g}."
+        " *: a run that was used for nothing before.",
         *(
             f"{own.what}; github.com/{own.repository} at {own.commit[:7]}, {own.licence}"
-            for own in (panda.FIRST, panda.SECOND)
+            for arm in arms
+            for own in arm.data_sets
         ),
     )
 
 
 def _line(result: Result) -> list[str]:
-    figures = ["", "", ""]
-    if np.isfinite(result.nees):
-        mass = f"{1e3 * result.mass_kg:.1f} +- {1e3 * result.mass_sigma_kg:.1f}"
-        held = f"{result.held_out_nm:.3f} (bound {result.held_out_bound_nm:.3g})"
-        figures = [mass, f"{result.nees:.1f}", held]
-    return [result.case, result.status, *figures, "ok" if result.passed else "FAILED"]
+    mass = z = held = ratio = ""
+    if np.isfinite(result.mass_kg):
+        mass = f"{result.mass_kg:.3f} +- {result.mass_sigma_kg:.3f}"
+        nees = f", NEES {result.nees:.1f}" if np.isfinite(result.nees) else ""
+        z = f"{result.z:.1f}{nees}"
+        word = "passed" if result.held_out_windows_passed else "failed"
+        held = f"{word}, {result.residual_nm:.2g} N m"
+    if np.isfinite(result.sigma_ratio):
+        ratio = f"{result.sigma_ratio:.2f}"
+    star = " *" if result.held_out else ""
+    payload = f"{result.payload_kg:g}"
+    return [
+        *(result.case + star, payload, mass, z, result.status, result.claim),
+        *(held, ratio, result.verdict),
+    ]

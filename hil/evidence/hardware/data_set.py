@@ -2,9 +2,10 @@
 
 import hashlib
 import os
+import subprocess
 import urllib.error
 import urllib.request
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import quote
@@ -29,26 +30,34 @@ class DataSet:
 
     def place(self, folder: Path, path: str) -> Path:
         """Return the local path of a file below the folder of data."""
-        return folder / self.repository / Path(path).name
+        return folder / self.repository / path
 
-    def fetch(self, folder: Path, tell: Callable[[str], None], raw: str = RAW) -> None:
-        """Download the files that are missing.
+    def fetch(
+        self,
+        folder: Path,
+        tell: Callable[[str], None],
+        repositories: Sequence[Path] = (),
+        raw: str = RAW,
+    ) -> None:
+        """Write the files that are missing, from a local git repository or else from GitHub.
+
+        Parameters
+        ----------
+        repositories : git directories; the first that has a file's commit and content gives it
 
         Raises
         ------
-        DataError if a file cannot be downloaded, or if its SHA-256 is wrong.
+        DataError if a file cannot be loaded, or if its SHA-256 is wrong.
         """
         for path in self.files:
             place = self.place(folder, path)
             if place.exists():
                 continue
             url = f"{raw}/{self.repository}/{self.commit}/{quote(path)}"
-            tell(f"{url} ({self.licence})")
-            try:
-                with urllib.request.urlopen(url, timeout=TIMEOUT_S) as answer:
-                    data = answer.read()
-            except (urllib.error.URLError, OSError) as error:
-                raise DataError(f"{url}: cannot be loaded: {error}") from error
+            data = self._local(path, repositories)
+            if data is None:
+                tell(f"{url} ({self.licence})")
+                data = _downloaded(url)
             self._judge(path, data, url)
             place.parent.mkdir(parents=True, exist_ok=True)
             part = place.with_name(place.name + ".part")
@@ -70,7 +79,24 @@ class DataSet:
         self._judge(path, place.read_bytes(), str(place))
         return place
 
+    def _local(self, path: str, repositories: Sequence[Path]) -> bytes | None:
+        for repository in repositories:
+            command = ["git", "-C", str(repository), "cat-file", "blob", f"{self.commit}:{path}"]
+            done = subprocess.run(command, capture_output=True, check=False)
+            if done.returncode == 0:
+                return done.stdout
+        return None
+
     def _judge(self, path: str, data: bytes, where: str) -> None:
         found = hashlib.sha256(data).hexdigest()
         if found != self.files[path]:
             raise DataError(f"{where}: SHA-256 {found}, not {self.files[path]}")
+
+
+def _downloaded(url: str) -> bytes:
+    try:
+        with urllib.request.urlopen(url, timeout=TIMEOUT_S) as answer:
+            data: bytes = answer.read()
+    except (urllib.error.URLError, OSError) as error:
+        raise DataError(f"{url}: cannot be loaded: {error}") from error
+    return data

@@ -1,13 +1,9 @@
-"""The recordings' own clock, and the tables that are imported."""
-
-import csv
-from pathlib import Path
+"""The recording's own clock, and the published arm."""
 
 import numpy as np
 import pinocchio as pin
 
-from hil.evidence.hardware.command import URDF, run
-from hil.evidence.hardware.panda import STEP_S, Motion, clock
+from hil.evidence.hardware.robots.panda import STEP_S, URDF, clock
 
 
 def test_steps_of_the_controller_are_found_between_lost_samples():
@@ -20,17 +16,6 @@ def test_steps_of_the_controller_are_found_between_lost_samples():
     assert np.array_equal(np.rint(clock(q, qd) / STEP_S), np.rint(t / STEP_S))
 
 
-def test_a_table_has_the_columns_of_the_mapping(tmp_path: Path):
-    rng = np.random.default_rng(2)
-    motion = Motion(np.arange(10) * STEP_S, rng.random((10, 7)), rng.random((10, 7)), 1000.0)
-    motion.part(0.5, 1.0).write(tmp_path / "motion.csv")
-    with (tmp_path / "motion.csv").open(encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
-    assert len(rows) == 5
-    assert float(rows[0]["t_s"]) == 5 * STEP_S
-    assert abs(float(rows[4]["tau_joint7"]) - motion.tau_nm[9, 6]) < 1e-8
-
-
 def test_the_robot_is_the_published_arm():
     """Masses as Gaz et al. print them; the flange 1.033 m above the table when all angles are 0."""
     model = pin.buildModelFromUrdf(str(URDF))
@@ -39,8 +24,3 @@ def test_the_robot_is_the_published_arm():
     flange = data.oMf[model.getFrameId("flange")].translation
     assert np.allclose(flange, [0.088, 0.0, 0.333 + 0.316 + 0.384 - 0.107], atol=1e-9)
     assert np.isclose(sum(inertia.mass for inertia in model.inertias), 16.692, atol=1e-3)
-
-
-def test_without_data_the_command_ends_in_one_line(tmp_path: Path, capsys):
-    assert run(tmp_path, throws=False, fetch=False, out=None, as_json=False) == 2
-    assert len(capsys.readouterr().err.strip().splitlines()) == 1

@@ -1,0 +1,1 @@
+"""Recorded arms: each module declares its own, `ARMS`."""
