@@ -1,7 +1,8 @@
 """Check the robot of a configuration: readable URDF, usable joints, physically possible bodies."""
 
 import os
-from math import tau
+from collections.abc import Iterator
+from math import inf, tau
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import IO
@@ -19,6 +20,9 @@ from fsw.messages import FloatArray
 from fsw.messages.errors import ConfigError
 
 ROOT_LINK = "the root link"
+MOST_SPEED_RAD_S = 1e3  # limits above these bounds are placeholders
+MOST_EFFORT_NM = 1e5
+MOST_TURN_RAD = 1e4
 WIDE_M = 50.0  # a wider link has probably an inertia in kg mm^2 or a mass in tonnes
 DENSE_KG_M3 = 25_000.0  # denser than osmium: the mass is probably in grams
 TURNS_RAD = 2.0 * tau  # a joint limit above this, up to MOST_DEGREES, is probably in degrees
@@ -93,7 +97,9 @@ def _check_masses(config: Config, model: RobotModel) -> None:
         )
     for link, pi in _known_links(config, model):
         if pi[0] < 0.0 or (pi[0] == 0.0 and link == ROOT_LINK):
-            bound = "positive, or bodies.base given" if link == ROOT_LINK else "at least 0"
+            bound = "at least 0"
+            if link == ROOT_LINK:
+                bound = "positive, or bodies.base given, or base.motion clamped"
             raise ConfigError(f"robot.urdf: {link} has mass {pi[0]:g} kg; must be {bound}")
 
 
@@ -134,12 +140,38 @@ def inertia_warnings(config: Config, model: RobotModel) -> list[str]:
     ]
     return [
         *massless,
+        *_placeholders(model),
         *turning,
         *far,
         *wide,
         *dense,
         *_impossible(config, model),
     ]
+
+
+def _placeholders(model: RobotModel) -> Iterator[str]:
+    """Yield a line for each joint with limits that no joint has; `fsw excite` must keep them."""
+    own = model.model
+    for k, (name, kind) in enumerate(zip(model.joint_names, model.kinds(), strict=True)):
+        low, high = float(own.lowerPositionLimit[7 + k]), float(own.upperPositionLimit[7 + k])
+        speed, effort = float(own.velocityLimit[6 + k]), float(own.effortLimit[6 + k])
+        unit = "rad" if kind == "revolute" else "m"
+        words = [
+            f"{key} {value:g}"
+            for key, value, most in (
+                ("velocity", speed, MOST_SPEED_RAD_S),
+                ("effort", effort, MOST_EFFORT_NM),
+            )
+            if not 0.0 < value <= most
+        ]
+        is_endless = low == -inf and high == inf  # so is that of a continuous joint
+        if low >= high or (max(-low, high) > MOST_TURN_RAD and not is_endless):
+            words.append(f"a range of {low:g} to {high:g} {unit}")
+        if words:
+            yield (
+                f"robot.urdf: the joint {name!r} has {' and '.join(words)} in its <limit>; are "
+                "these placeholders? fsw excite keeps them"
+            )
 
 
 def _impossible(config: Config, model: RobotModel) -> list[str]:
@@ -152,10 +184,14 @@ def _impossible(config: Config, model: RobotModel) -> list[str]:
 
 
 def _known_links(config: Config, model: RobotModel) -> list[tuple[str, FloatArray]]:
-    """Return name and parameters (10,) of each URDF link except a root replaced by bodies.base."""
+    """Return name and parameters (10,) of each URDF link whose inertia has an effect.
+
+    That of the root has none where bodies.base replaces it, or it has no mass and is clamped.
+    """
     names = [ROOT_LINK, *(f"the link moved by {name!r}" for name in model.joint_names)]
     links = list(zip(names, model.pi_links.reshape(-1, PARAMETERS), strict=True))
-    return links[1:] if "base" in config.bodies else links
+    is_ground = config.base.motion == "clamped" and links[0][1][0] == 0.0
+    return links[1:] if "base" in config.bodies or is_ground else links
 
 
 def _size_m(pi: FloatArray) -> float:

@@ -5,7 +5,7 @@ accepts numbers that no robot has.
 """
 
 import xml.etree.ElementTree as ET
-from math import inf, isfinite
+from math import inf, isnan
 
 from fsw.config.base import MAX_INERTIA_KG_M2, MAX_LENGTH_M, MAX_MASS_KG
 from fsw.config.text import URDF, kind_of
@@ -16,7 +16,7 @@ MAX_LINKS = 128
 MAX_ELEMENTS = 20_000
 MAX_DEPTH = 32
 _INERTIA = dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), MAX_INERTIA_KG_M2)
-_LIMIT = dict.fromkeys(("lower", "upper", "effort", "velocity"), 1e9)
+_LIMIT = dict.fromkeys(("lower", "upper", "effort", "velocity"), inf)  # 1e16 and inf: no limit
 LARGEST: dict[str, dict[str, float]] = {  # largest absolute value by element and attribute
     "origin": {"xyz": MAX_LENGTH_M, "rpy": 6.3},
     "mass": {"value": MAX_MASS_KG},
@@ -88,10 +88,11 @@ def _check_numbers(root: ET.Element) -> None:
                     value = float(word)
                 except ValueError:
                     continue
-                if not isfinite(value) or abs(value) > largest:
+                if isnan(value) or abs(value) > largest:
+                    bound = f"finite and within {largest:g} (metres, kilograms, radians)"
                     raise ConfigError(
-                        f"has {name} {brief(word)} in <{element.tag}>; must be finite and within "
-                        f"{largest:g} (metres, kilograms, radians)"
+                        f"has {name} {brief(word)} in <{element.tag}>; must be "
+                        f"{'a number' if largest == inf else bound}"
                     )
 
 
@@ -104,21 +105,25 @@ def _check_joints(root: ET.Element) -> None:
         if link in children:
             raise ConfigError(f"joins the link {brief(link)} to more than one parent")
         children.add(link)
-        moves = kind in ("revolute", "prismatic")
+        moves = kind in ("revolute", "continuous", "prismatic")
         if joint.find("parent") is not None and not moves and kind != "fixed":
-            hint = "; write it as revolute with wide limits" if kind == "continuous" else ""
             raise ConfigError(
-                f"joint {name} is {brief(kind)}; must be revolute, prismatic or fixed{hint}"
+                f"joint {name} is {brief(kind)}; must be continuous, revolute, prismatic or fixed"
             )
-        if joint.find("mimic") is not None:
-            raise ConfigError(f"joint {name} mimics another; every joint has a sensor of its own")
+        mimic = joint.find("mimic")
+        if moves and mimic is not None:
+            raise ConfigError(
+                f"joint {name} mimics another, {brief(mimic.get('joint'))}; every joint needs a "
+                "sensor of its own: take <mimic> out if it has one; if both are held still, as the "
+                "fingers of a gripper, write them as fixed, each <origin> where it is held"
+            )
         axis = joint.find("axis")
         if moves and axis is not None and not _is_direction(axis.get("xyz", "")):
             raise ConfigError(
                 f"joint {name} has the axis {brief(axis.get('xyz'))}; must be three numbers, not "
                 "all zero"
             )
-        if moves and joint.find("limit") is None:
+        if moves and kind != "continuous" and joint.find("limit") is None:
             raise ConfigError(
                 f"joint {name} has no <limit>; a {kind} joint needs lower, upper, effort and "
                 "velocity"

@@ -1,43 +1,37 @@
 """`fsw init URDF`: write a commented configuration of a robot, from flags or answers."""
 
 import argparse
-import sys
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 from functools import lru_cache
 from importlib.resources import files
-from math import inf, isfinite
+from math import inf
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any
 
 import yaml
 
-from fsw.checks.robot import inertia_warnings, load_problem, read_model
+from fsw.checks.configuration import validate
+from fsw.checks.robot import MOST_EFFORT_NM, MOST_SPEED_RAD_S, read_model
 from fsw.checks.urdf import check_urdf
+from fsw.commands.init_answers import Ask, angles, asker, mass_kg, one_of, three
 from fsw.commands.out_argument import refuse_existing
 from fsw.config import parse
-from fsw.config.base import MAX_MASS_KG
-from fsw.config.devices import MAX_ANGLE_RAD, linear
-from fsw.estimators.model.inertia import PARAMETERS, from_parameters
+from fsw.config.devices import linear
+from fsw.estimators.model.inertia import PARAMETERS, from_parameters, is_consistent
 from fsw.estimators.model.robot import RobotModel
+from fsw.messages import FloatArray
 from fsw.messages.errors import ConfigError
 
 DENSITY_KG_M3 = 150.0  # typical of a satellite; gives a first guess of the target's size
+UNKNOWN_EFFORT_NM, UNKNOWN_SPEED_RAD_S = 1e3, 10.0  # of a joint whose <limit> is a placeholder
+LEAST_NOISE_NM = 3e-3  # rounding of a torque in a TPDO1
 HELD = ("free", "planar", "clamped")
-T = TypeVar("T")
 HEAD = """\
 # Written by fsw init from {urdf}. Every key: docs/configuration.md. Check it: fsw check {out}
 # Look at every line with CHECK; a recording tells more: fsw check {out} RECORDING
 """
-
-
-class Ask(Protocol):
-    """Returns the value of a flag, or asks for it if stdin is a terminal."""
-
-    def __call__(self, name: str, words: str, kind: Callable[[str], T], default: str = "", /) -> T:
-        """Return the value of flag `name`; `words` ask for it, `kind` converts the text."""
-        ...
 
 
 @lru_cache(maxsize=1)
@@ -77,7 +71,7 @@ def init(arguments: argparse.Namespace) -> str:
         raise ConfigError(f"{arguments.urdf}: cannot be read: {error.strerror}") from error
     except ConfigError as error:
         raise ConfigError(f"{arguments.urdf} {error}") from error
-    ask = _asker(arguments)
+    ask = asker(arguments)
     root = ET.fromstring(content)
     base = _base(ask, root, arguments.base)
     leaves = _leaves(root)
@@ -85,45 +79,19 @@ def init(arguments: argparse.Namespace) -> str:
     if not leaves:
         raise ConfigError(f"{arguments.urdf} has no link at the end of a chain: no tree of links")
     words = f"tool frame, one of {', '.join(leaves)}"
-    tool = ask("tool", words, _one_of(links), leaves[0] if leaves else "")
+    tool = ask("tool", words, one_of(links), leaves[0] if leaves else "")
     model = read_model(arguments.urdf, tool)
     if model.n == 0:
         raise ConfigError(f"{arguments.urdf} has no joint that moves; at least 1 is needed")
     text = _text(arguments, ask, tool, root, model) + base
     config = parse(text.encode(), out.parent.absolute(), str(out))  # checks the text
-    doubts = inertia_warnings(config, load_problem(config).model)
+    _, doubts = validate(config)
     try:
         out.write_text(text, encoding="utf-8")
     except OSError as error:
         raise ConfigError(f"--out: {out} cannot be written: {error.strerror}") from error
     marked = f"{out}: {len(config.joints)} joints; {text.count('# CHECK')} lines marked CHECK"
     return "\n".join([*(f"warning: {doubt}" for doubt in doubts), marked])
-
-
-def _asker(arguments: argparse.Namespace) -> Ask:
-    """Return a function that returns a flag's value, or asks for it if stdin is a terminal."""
-
-    def ask(name: str, words: str, kind: Callable[[str], T], default: str = "", /) -> T:
-        value = getattr(arguments, name)
-        flag = f"--{name.replace('_', '-')}"
-        if value is not None:
-            try:
-                return kind(" ".join(map(str, value)) if isinstance(value, list) else str(value))
-            except ValueError as error:
-                raise ConfigError(f"{flag}: {error}") from error
-        if not sys.stdin.isatty():
-            raise ConfigError(f"{flag}: missing; {words}")
-        while True:
-            try:
-                answer = input(f"{words}{f', empty: {default}' if default else ''}: ") or default
-            except EOFError as error:
-                raise ConfigError(f"{flag}: missing; {words}") from error
-            try:
-                return kind(answer)
-            except ValueError as error:
-                sys.stderr.write(f"{flag}: {error}; once more\n")
-
-    return ask
 
 
 def _base(ask: Ask, root: ET.Element, given: str | None) -> str:
@@ -136,7 +104,7 @@ def _base(ask: Ask, root: ET.Element, given: str | None) -> str:
         if given is None and top and link is not None and link.find("inertial") is None:
             words = f"the root link {link.get('name')!r} has no mass and a fixed joint"
             words += f"; what holds the base ({', '.join(HELD)})"
-            held = ask("base", words, _one_of(HELD))
+            held = ask("base", words, one_of(HELD))
             break
     if held == "free":
         return ""
@@ -151,40 +119,6 @@ def _ends(root: ET.Element, kind: str) -> Iterable[tuple[ET.Element, ET.Element]
     """Yield every joint with its element `kind`: parent or child."""
     ends = ((joint, joint.find(kind)) for joint in root.findall("joint"))
     return ((joint, end) for joint, end in ends if end is not None)
-
-
-def _three(text: str) -> list[float]:
-    values = [float(word) for word in text.replace(",", " ").split()]
-    if len(values) != 3 or not all(map(isfinite, values)):
-        raise ValueError(f"{text!r} must be three numbers")
-    return values
-
-
-def _angles(text: str) -> list[float]:
-    angles = _three(text)
-    if any(abs(angle) > MAX_ANGLE_RAD for angle in angles):
-        raise ValueError(f"{text!r} must be radians, each at most {MAX_ANGLE_RAD:g}")
-    return angles
-
-
-def _one_of(known: Sequence[str]) -> Callable[[str], str]:
-    """Return a function that returns a known name and raises ValueError for any other."""
-
-    def read(text: str) -> str:
-        if text not in known:
-            close = get_close_matches(text, known, n=1)
-            hint = f"; did you mean {close[0]}?" if close else ""
-            raise ValueError(f"{text!r} must be one of {', '.join(known)}{hint}")
-        return text
-
-    return read
-
-
-def _mass_kg(text: str) -> float:
-    mass = float(text)
-    if not 0.0 < mass <= MAX_MASS_KG:
-        raise ValueError(f"{mass:g} must be positive and at most {MAX_MASS_KG:g} kg")
-    return mass
 
 
 def _device(kind: str, name: str) -> dict[str, Any]:
@@ -210,7 +144,7 @@ def _text(
     root: ET.Element,
     model: RobotModel,
 ) -> str:
-    which = _one_of(("base", "target", "both"))
+    which = one_of(("base", "target", "both"))
     unknown = ask("unknown", "unknown body (base, target or both)", which, "target")
     bodies = ["base", "target"] if unknown == "both" else [unknown]
     out, urdf = arguments.out, arguments.urdf.absolute()
@@ -224,14 +158,14 @@ def _text(
     ]
     lines += [f"unknown: [{', '.join(bodies)}]", "bodies:"]
     if "base" in bodies:
-        lines += _body("base", *from_parameters(model.pi_links[:PARAMETERS]), 0.5)
+        lines += _body("base", *from_parameters(_of_root(root, model)), 0.5)
     if "target" in bodies:
-        mass = ask("target_mass_kg", "guess of the target's mass [kg]", _mass_kg)
+        mass = ask("target_mass_kg", "guess of the target's mass [kg]", mass_kg)
         side = (mass / DENSITY_KG_M3) ** (1 / 3)
         moment = mass * side**2 / 6
         inertia = [moment, 0.0, 0.0, moment, 0.0, moment]
         lines += _body("target", mass, [0.0, 0.0, side / 2], inertia, side)
-    lines += _joints(arguments, root, model)
+    lines += _joints(arguments, model)
     lines += _imu(ask) + _tracker(ask)
     lines += ["", "scheduler:", f"  tick_rate_hz: {arguments.rate_hz}", ""]
     lines += [
@@ -243,6 +177,30 @@ def _text(
         "",
     ]
     return "\n".join(lines)
+
+
+def _of_root(root: ET.Element, model: RobotModel) -> FloatArray:
+    """Return the parameters (10,) of the root link, the prior of an unknown base.
+
+    Raises
+    ------
+    ConfigError if no body has them.
+    """
+    pi: FloatArray = model.pi_links[:PARAMETERS]
+    if is_consistent(pi):
+        return pi
+    name, fault = _root_link(root), "an inertia that no body can have" if pi[0] else "no mass"
+    raise ConfigError(
+        f"--unknown: the root link {name!r} has {fault}, and the prior of the base comes from its "
+        "<inertial>; correct it there, or choose --unknown target"
+    )
+
+
+def _root_link(root: ET.Element) -> str:
+    """Return the name of the link that is no joint's child."""
+    children = {end.get("link") for _, end in _ends(root, "child")}
+    names = [link.get("name", "") for link in root.findall("link")]
+    return next((name for name in names if name not in children), "")
 
 
 def _word(text: str) -> str:
@@ -272,9 +230,8 @@ def _body(
     ]
 
 
-def _joints(arguments: argparse.Namespace, root: ET.Element, model: RobotModel) -> list[str]:
+def _joints(arguments: argparse.Namespace, model: RobotModel) -> list[str]:
     encoder, torque = _device("encoder", arguments.encoder), _device("torque", arguments.torque)
-    limits = {joint.get("name"): joint.find("limit") for joint in root.findall("joint")}
     lines = [
         "",
         "buses:",
@@ -289,22 +246,19 @@ def _joints(arguments: argparse.Namespace, root: ET.Element, model: RobotModel) 
         "joints:",
     ]
     for k, (name, kind) in enumerate(zip(model.joint_names, model.kinds(), strict=True)):
-        limit = limits[name]
-        effort, speed = (
-            float((limit.get(key) if limit is not None else None) or 0.0)
-            for key in ("effort", "velocity")
+        effort, in_effort = _limit(
+            model.model.effortLimit[6 + k], MOST_EFFORT_NM, UNKNOWN_EFFORT_NM
         )
-        if effort <= 0 or speed <= 0:
-            raise ConfigError(
-                f"joint {name!r}: its <limit> has effort {effort:g} and velocity {speed:g}; both "
-                "must be positive, in N m and rad/s, or N and m/s"
-            )
+        speed, in_speed = _limit(
+            model.model.velocityLimit[6 + k], MOST_SPEED_RAD_S, UNKNOWN_SPEED_RAD_S
+        )
+        noise = max(torque["noise_ratio"] * effort, LEAST_NOISE_NM)
         own = {
             "sign": "1  # CHECK -1: the node counts against the URDF's axis",
             "zero_offset_rad": "0.0",
-            "torque_limit_nm": f"{effort:g}  # of the URDF",
-            "speed_limit_rad_s": f"{speed:g}",
-            "torque_noise_nm": f"{torque['noise_ratio'] * effort:.3g}",
+            "torque_limit_nm": f"{effort:g}  # {in_effort}",
+            "speed_limit_rad_s": f"{speed:g}  # {in_speed}",
+            "torque_noise_nm": f"{noise:.3g}",
             "torque_offset_sigma_nm": f"{torque['offset_ratio'] * effort:.3g}",
             "torque_scale_sigma_ratio": f"{torque['torque_scale_sigma_ratio']:g}",
             "position_noise_rad": f"{encoder['position_noise_rad']:g}",
@@ -321,15 +275,22 @@ def _joints(arguments: argparse.Namespace, root: ET.Element, model: RobotModel) 
     return lines
 
 
+def _limit(given: float, most: float, otherwise: float) -> tuple[float, str]:
+    """Return a limit of the URDF and a comment; a placeholder is replaced by `otherwise`."""
+    if 0.0 < given <= most:
+        return given, "of the URDF"
+    return otherwise, f"CHECK the URDF has {given:g}, no limit of a joint"
+
+
 def _imu(ask: Ask) -> list[str]:
     units = library()["imu"]
     words = f"inertial unit ({', '.join(units)}; none on a clamped base)"
-    name = ask("imu", words, _one_of((*units, "none")))
+    name = ask("imu", words, one_of((*units, "none")))
     if name == "none":
         return []
     device = _device("imu", name)
-    place = ask("imu_xyz", "place of the inertial unit in the root link, x y z [m]", _three)
-    turn = ask("imu_rpy", "roll, pitch, yaw that take its axes to the root link's [rad]", _angles)
+    place = ask("imu_xyz", "place of the inertial unit in the root link, x y z [m]", three)
+    turn = ask("imu_rpy", "roll, pitch, yaw that take its axes to the root link's [rad]", angles)
     return [
         "",
         f"# {device['title']}; {_trust(device)}",
@@ -347,13 +308,13 @@ def _tracker(ask: Ask) -> list[str]:
     name = ask(
         "tracker",
         f"star tracker ({', '.join(library()['star_tracker'])} or none)",
-        _one_of((*library()["star_tracker"], "none")),
+        one_of((*library()["star_tracker"], "none")),
         "none",
     )
     if name == "none":
         return []
     device = _device("star_tracker", name)
-    turn = ask("tracker_rpy", "roll, pitch, yaw of the star tracker (boresight z) [rad]", _angles)
+    turn = ask("tracker_rpy", "roll, pitch, yaw of the star tracker (boresight z) [rad]", angles)
     return [
         "",
         f"# {device['title']}; {_trust(device)}",

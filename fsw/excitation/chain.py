@@ -62,7 +62,7 @@ def geometry(model: RobotModel, tool_frame: str) -> Geometry:
         J = pin.getJointJacobian(model.model, data, index, pin.ReferenceFrame.LOCAL)
         axes.append(np.array(J[:3, 4 + index] if slides[index - 2] else J[3:, 4 + index]))
     placements = list(model.model.jointPlacements)[2:]
-    tool = model.model.frames[model.model.getFrameId(tool_frame)].placement
+    tool = model.model.frames[model.frame_id(tool_frame, "robot.tool_frame")].placement
     return Geometry(
         parents=tuple(model.parents.tolist()),
         tool_body=model.tool.body,

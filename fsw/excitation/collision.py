@@ -95,7 +95,7 @@ def build_collisions(
     """
     geometry = read_geometry(model, urdf, pin.GeometryType.COLLISION)
     if target is not None:
-        frame = model.model.frames[model.model.getFrameId(tool_frame)]
+        frame = model.model.frames[model.frame_id(tool_frame, "robot.tool_frame")]
         place = frame.placement * pin.SE3(np.eye(3), np.array(target.center_m))
         box = coal.Box(*target.size_m)
         geometry.addGeometryObject(pin.GeometryObject("target", frame.parentJoint, place, box))

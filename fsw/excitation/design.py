@@ -176,7 +176,8 @@ class LimitRows:
         grid, own = self.grid, self.joints
         points = z.reshape(grid.layout.rows, grid.layout.n)
         half = 0.5 * (own.upper_rad - own.lower_rad)
-        middle = np.where(np.isfinite(half), own.upper_rad - half, 0.0)
+        is_ranged = np.isfinite(half)
+        middle = np.where(is_ranged, own.upper_rad, 0.0) - np.where(is_ranged, half, 0.0)
         none = np.zeros_like(half)
         kinds = (
             ("joint_range", half, middle),

@@ -24,8 +24,8 @@ def nominal_motion(config: Config, model: RobotModel) -> Trajectory:
         np.array(limit[7:])
         for limit in (model.model.lowerPositionLimit, model.model.upperPositionLimit)
     )
-    bounded = (np.isfinite(lower) & np.isfinite(upper)) & (np.abs(upper - lower) < 2.0 * np.pi)
-    middle = np.where(bounded, 0.5 * (lower + upper), 0.0)
+    bounded = np.abs(upper - lower) < 2.0 * np.pi
+    middle = 0.5 * (np.where(bounded, lower, 0.0) + np.where(bounded, upper, 0.0))
     reach = np.where(bounded, RANGE_SHARE * (upper - lower), np.inf)
     most = np.array([SWING[kind] for kind in model.kinds()])
     turns_rad_s = 2.0 * np.pi * (SWINGS + 0.125 * np.arange(model.n)) / DURATION_S

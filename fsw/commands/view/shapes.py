@@ -60,7 +60,7 @@ def box_of(mass_kg: float, com_m: FloatArray, inertia_kg_m2: FloatArray) -> Floa
 
 def frame_of(model: RobotModel, name: str) -> tuple[int, pin.SE3]:
     """Return what carries a URDF frame (0: base, k: link of joint k - 1), and its pose there."""
-    frame = model.model.frames[model.model.getFrameId(name)]
+    frame = model.model.frames[model.frame_id(name, "robot.tool_frame")]
     return int(frame.parentJoint) - 1, frame.placement
 
 

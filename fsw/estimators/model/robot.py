@@ -28,12 +28,13 @@ from fsw.estimators.model.inertia import (
     parameter_basis,
     pseudo_inertia,
 )
+from fsw.estimators.model.urdf import UNLIMITED, dynamics_of
 from fsw.messages import FloatArray
 from fsw.messages.errors import ConfigError
 
-# one coordinate each; a URDF's `continuous` joint (RUB*, a point on the circle) has two
 REVOLUTE = ("JointModelRX", "JointModelRY", "JointModelRZ", "JointModelRevoluteUnaligned")
 PRISMATIC = "JointModelP"
+FRAMES = (pin.FrameType.BODY, pin.FrameType.FIXED_JOINT, pin.FrameType.JOINT)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,13 +78,12 @@ class RobotModel:
     def __init__(self, urdf: Path, tool_frame: str, text: str | None = None) -> None:
         """Read the URDF file, or `text` in its place; raise ConfigError if either is not usable."""
         try:
-            if text is None:
-                self.model = pin.buildModelFromUrdf(str(urdf), pin.JointModelFreeFlyer())
-            else:
-                self.model = pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
-        except (ValueError, RuntimeError) as error:
+            dynamics = dynamics_of(urdf.read_bytes() if text is None else text)
+            self.model = pin.buildModelFromXML(dynamics, pin.JointModelFreeFlyer())
+        except (OSError, SyntaxError, ValueError, RuntimeError) as error:
             raise ConfigError(f"robot.urdf: {urdf} cannot be read as a URDF: {error}") from error
         self.model.gravity.setZero()
+        self._lift_limits()
         self._name = urdf.name
         self.n = self.model.nv - 6
         self.joint_names = tuple(self.model.names[2:])
@@ -91,10 +91,10 @@ class RobotModel:
             kind = self.model.joints[index].shortname()
             if not kind.startswith((*REVOLUTE, PRISMATIC)):
                 raise ConfigError(
-                    f"robot.urdf: joint {self.model.names[index]!r} is {_kind(kind)}; every joint "
-                    "must be revolute or prismatic with limits, or fixed"
+                    f"robot.urdf: joint {self.model.names[index]!r} is of a kind not supported; "
+                    "every joint must be continuous, revolute, prismatic or fixed"
                 )
-        self._tool = self.model.getFrameId(tool_frame)
+        self._tool = self.frame_id(tool_frame, "robot.tool_frame")
         self.parents = np.array(self.model.parents[2:], np.intp) - 1
         self.tool = self.hold(tool_frame, "robot.tool_frame")
         if self.tool.body in {0, *self.parents.tolist()} and self.n:
@@ -138,14 +138,35 @@ class RobotModel:
         ------
         ConfigError naming `key` if there is no such frame.
         """
-        if not self.model.existFrame(frame_name):
-            names = [f.name for f in self.model.frames if f.type == pin.FrameType.BODY]
-            raise ConfigError(f"{key}: {frame_name!r} is no frame of {self._name}; it has {names}")
-        frame = self.model.frames[self.model.getFrameId(frame_name)]
+        frame = self.model.frames[self.frame_id(frame_name, key)]
         body = int(frame.parentJoint) - 1
         places = slice(PARAMETERS * body, PARAMETERS * (body + 1))
         placement = frame.placement
         return Hold(body, places, frame_change(placement.rotation, placement.translation))
+
+    def frame_id(self, name: str, key: str) -> int:
+        """Return the library's number of a link's frame, or else of the frame of a joint.
+
+        A link and a joint may have one name.
+
+        Raises
+        ------
+        ConfigError naming `key` if there is no such frame.
+        """
+        for kind in FRAMES:
+            if self.model.existFrame(name, kind):
+                found: int = self.model.getFrameId(name, kind)
+                return found
+        names = [f.name for f in self.model.frames if f.type == pin.FrameType.BODY]
+        raise ConfigError(f"{key}: {name!r} is no frame of {self._name}; it has {names}")
+
+    def _lift_limits(self) -> None:
+        """Replace the limits that mean none by infinity."""
+        own = self.model
+        for limits in (own.lowerPositionLimit, own.upperPositionLimit):
+            limits[7:][np.abs(limits[7:]) >= UNLIMITED] *= np.inf
+        for limits in (own.velocityLimit, own.effortLimit):
+            limits[6:][limits[6:] >= UNLIMITED] = np.inf
 
     def _support(self) -> NDArray[np.bool_]:
         """Return (n + 1, n): whether a joint (column) carries a body (row)."""
@@ -350,11 +371,6 @@ class RobotModel:
             for k, placement in enumerate(list(self.data.oMi)[1:]):
                 X[i, k] = placement.homogeneous
         return frame_changes(X.reshape(-1, 4, 4)).reshape(len(q), bodies, PARAMETERS, PARAMETERS)
-
-
-def _kind(shortname: str) -> str:
-    """Return what a joint is, in words, from Pinocchio's short name."""
-    return "continuous" if shortname.startswith("JointModelRUB") else "of a kind not supported"
 
 
 def _spatial_inertia(pi: FloatArray) -> pin.Inertia:

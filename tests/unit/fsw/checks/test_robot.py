@@ -23,7 +23,7 @@ def test_a_robot_file_that_is_no_urdf_is_one_line(arm, text, capfd):
     assert capfd.readouterr().err == ""
 
 
-@pytest.mark.parametrize("kind", ["continuous", "planar"])
+@pytest.mark.parametrize("kind", ["floating", "planar"])
 def test_a_joint_of_a_kind_that_is_not_known_is_named(arm, kind):
     arm.robot(3, kind)
     assert_named(fault(arm), "robot.urdf", "'axis1'", kind, "revolute, prismatic or fixed")
@@ -107,6 +107,62 @@ def test_a_massless_root_link_serves_when_the_base_is_given(arm):
         "inertia_kg_m2": [60.0, 0.0, 0.0, 50.0, 0.0, 40.0],
     }
     assert validate(load(arm.write()))[1] == []
+
+
+def test_a_massless_root_link_has_no_effect_on_a_clamped_base(arm):
+    arm.urdf = re.sub(r"<inertial>.*?</inertial>", "", arm.urdf, count=1)
+    arm.data["base"] = {"motion": "clamped", "gravity_B_m_s2": [0.0, 0.0, -9.80665]}
+    assert validate(load(arm.write()))[1] == []
+
+
+def test_a_root_link_of_negative_mass_is_refused_on_a_clamped_base(arm):
+    arm.urdf = arm.urdf.replace('<mass value="200"/>', '<mass value="-200"/>', 1)
+    arm.data["base"] = {"motion": "clamped", "gravity_B_m_s2": [0.0, 0.0, -9.80665]}
+    assert_named(fault(arm), "robot.urdf", "root link", "-200 kg")
+
+
+def test_a_continuous_joint_is_a_revolute_one_without_limits(arm):
+    arm.robot(3, "continuous")
+    problem, warnings = validate(load(arm.write()))
+    assert problem.model.kinds() == ("revolute",) * 3
+    assert warnings == []
+
+
+def test_a_joint_that_mimics_another_says_what_to_do(arm):
+    arm.urdf = arm.urdf.replace("<limit", '<mimic joint="axis2"/><limit', 1)
+    assert_named(fault(arm), "'axis1' mimics another, 'axis2'", "take <mimic> out", "as fixed")
+
+
+def test_what_only_a_picture_needs_does_not_matter(arm):
+    shape = "<geometry><torus/></geometry><material><color rgba='red'/></material>"
+    arm.urdf = arm.urdf.replace("<inertial>", f"<visual>{shape}</visual><inertial>")
+    assert validate(load(arm.write()))[1] == []
+
+
+PLACEHOLDERS = {
+    'effort="0"': ('effort="50"', "effort 0 in its <limit>"),
+    'velocity="0"': ('velocity="0.5"', "velocity 0 in its <limit>"),
+    'effort="1e16"': ('effort="50"', "effort inf"),
+    'lower="0" upper="0"': ('lower="-3" upper="3"', "a range of 0 to 0 rad"),
+    'lower="-1e5" upper="1e5"': ('lower="-3" upper="3"', "a range of -100000 to 100000 rad"),
+    'lower="2" upper="-2"': ('lower="-3" upper="3"', "a range of 2 to -2 rad"),
+}
+
+
+@pytest.mark.parametrize("limit", PLACEHOLDERS)
+def test_a_limit_that_no_joint_has_is_a_warning(arm, limit):
+    usual, words = PLACEHOLDERS[limit]
+    arm.urdf = arm.urdf.replace(usual, limit, 1)
+    warnings = validate(load(arm.write()))[1]
+    assert len(warnings) == 1
+    assert_named(warnings[0], "robot.urdf", "'axis1'", words, "placeholders?")
+
+
+def test_infinite_limits_of_position_are_none_at_all(arm):
+    arm.urdf = arm.urdf.replace('lower="-3" upper="3"', 'lower="-1e16" upper="1e16"', 1)
+    problem, warnings = validate(load(arm.write()))
+    assert problem.model.model.upperPositionLimit[7] == float("inf")
+    assert warnings == []
 
 
 def test_a_negative_link_mass_is_refused(arm):

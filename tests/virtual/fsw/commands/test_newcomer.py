@@ -110,7 +110,13 @@ DESCRIPTIONS = {
     "contact watched beside modes": added("modes", TANK, outside_wrench="watch"),
     "contact watched without a star tracker": watched,
     "prismatic joint configured as a revolute one": lambda arm, _: arm.robot(3, "prismatic"),
-    "continuous joint": lambda arm, _: arm.robot(3, "continuous"),
+    "planar joint": lambda arm, _: arm.robot(3, "planar"),
+    "joint that mimics another": lambda arm, _: replaced(
+        arm, "<limit", '<mimic joint="axis2"/><limit'
+    ),
+    "placeholder in the place of a limit": lambda arm, _: replaced(
+        arm, 'effort="50"', 'effort="0"'
+    ),
     "missing inertia": lambda arm, _: replaced(arm, LINK2, '<link name="link2"/>'),
     "inertia in kg mm^2": lambda arm, _: replaced(
         arm, LINK2, LINK2.replace("0.04", "40000").replace("0.01", "10000")

@@ -121,22 +121,46 @@ def test_joints_are_named_from_base_to_tool(model: RobotModel) -> None:
 @pytest.mark.parametrize(
     ("urdf", "frame", "word"),
     [
-        (
-            arm_urdf(3).replace('name="axis2" type="revolute"', 'name="axis2" type="continuous"'),
-            "gripper",
-            "axis2",
-        ),
+        (arm_urdf(3).replace("revolute", "floating", 1), "gripper", "axis1"),
         (arm_urdf(3), "claw", "claw"),
         (arm_urdf(3), "link1", "link1"),
         ("<robot", "gripper", "URDF"),
     ],
-    ids=["continuous", "unknown frame", "frame inside the arm", "no XML"],
+    ids=["floating", "unknown frame", "frame inside the arm", "no XML"],
 )
 def test_unsuitable_robots_are_refused(tmp_path: Path, urdf: str, frame: str, word: str) -> None:
     path = tmp_path / "arm.urdf"
     path.write_text(urdf)
     with pytest.raises(ConfigError, match=word):
         RobotModel(path, frame)
+
+
+def test_a_continuous_joint_moves_as_a_revolute_one(tmp_path: Path) -> None:
+    path = tmp_path / "arm.urdf"
+    forces = []
+    for kind in ("revolute", "continuous"):
+        path.write_text(arm_urdf(3, joint_type=kind))
+        model = RobotModel(path, "gripper")
+        rng = np.random.default_rng(0)
+        q, qd, w, a = (rng.normal(size=size) for size in (3, 3, 3, 9))
+        model.set_parameters(model.pi_links)
+        forces.append(model.generalised_force(7.0 + q, w, qd, a))
+    np.testing.assert_array_equal(*forces)
+
+
+@pytest.mark.parametrize("name", ["mount", "axis2", "link2"])
+def test_a_link_is_found_beside_a_joint_of_its_name(tmp_path: Path, name: str) -> None:
+    """Links and joints have separate name spaces; the link of a name is the frame."""
+    path = tmp_path / "arm.urdf"
+    path.write_text(arm_urdf(3))
+    expected = RobotModel(path, "gripper").tool.map
+    named = arm_urdf(3).replace('link name="gripper"', f'link name="{name}"')
+    named = named.replace('link="gripper"', f'link="{name}"')
+    if name == "link2":
+        named = arm_urdf(3).replace('joint name="mount"', 'joint name="gripper"')
+    path.write_text(named)
+    model = RobotModel(path, "gripper" if name == "link2" else name)
+    np.testing.assert_array_equal(model.tool.map, expected)
 
 
 @pytest.mark.parametrize("seed", range(2))

@@ -1,0 +1,85 @@
+"""Values of the flags of `fsw init`, asked for on a terminal where a flag is missing."""
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+from difflib import get_close_matches
+from math import isfinite
+from typing import Protocol, TypeVar
+
+from fsw.config.base import MAX_MASS_KG
+from fsw.config.devices import MAX_ANGLE_RAD
+from fsw.messages.errors import ConfigError
+
+T = TypeVar("T")
+
+
+class Ask(Protocol):
+    """Returns the value of a flag, or asks for it if stdin is a terminal."""
+
+    def __call__(self, name: str, words: str, kind: Callable[[str], T], default: str = "", /) -> T:
+        """Return the value of flag `name`; `words` ask for it, `kind` converts the text."""
+        ...
+
+
+def asker(arguments: argparse.Namespace) -> Ask:
+    """Return a function that returns a flag's value, or asks for it if stdin is a terminal."""
+
+    def ask(name: str, words: str, kind: Callable[[str], T], default: str = "", /) -> T:
+        value = getattr(arguments, name)
+        flag = f"--{name.replace('_', '-')}"
+        if value is not None:
+            try:
+                return kind(" ".join(map(str, value)) if isinstance(value, list) else str(value))
+            except ValueError as error:
+                raise ConfigError(f"{flag}: {error}") from error
+        if not sys.stdin.isatty():
+            raise ConfigError(f"{flag}: missing; {words}")
+        while True:
+            try:
+                answer = input(f"{words}{f', empty: {default}' if default else ''}: ") or default
+            except EOFError as error:
+                raise ConfigError(f"{flag}: missing; {words}") from error
+            try:
+                return kind(answer)
+            except ValueError as error:
+                sys.stderr.write(f"{flag}: {error}; once more\n")
+
+    return ask
+
+
+def three(text: str) -> list[float]:
+    """Return three finite numbers."""
+    values = [float(word) for word in text.replace(",", " ").split()]
+    if len(values) != 3 or not all(map(isfinite, values)):
+        raise ValueError(f"{text!r} must be three numbers")
+    return values
+
+
+def angles(text: str) -> list[float]:
+    """Return three plausible angles [rad]."""
+    turns = three(text)
+    if any(abs(angle) > MAX_ANGLE_RAD for angle in turns):
+        raise ValueError(f"{text!r} must be radians, each at most {MAX_ANGLE_RAD:g}")
+    return turns
+
+
+def one_of(known: Sequence[str]) -> Callable[[str], str]:
+    """Return a function that returns a known name and raises ValueError for any other."""
+
+    def read(text: str) -> str:
+        if text not in known:
+            close = get_close_matches(text, known, n=1)
+            hint = f"; did you mean {close[0]}?" if close else ""
+            raise ValueError(f"{text!r} must be one of {', '.join(known)}{hint}")
+        return text
+
+    return read
+
+
+def mass_kg(text: str) -> float:
+    """Return a positive mass [kg] within the bound of the configuration."""
+    mass = float(text)
+    if not 0.0 < mass <= MAX_MASS_KG:
+        raise ValueError(f"{mass:g} must be positive and at most {MAX_MASS_KG:g} kg")
+    return mass
