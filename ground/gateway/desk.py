@@ -40,15 +40,24 @@ class Desk:
             for command in self._catalogue.commands.values()
         ]
 
-    def send(self, name: str, given: dict[str, str]) -> dict[str, Any]:
-        """Send one telecommand; return outcome, reports and answers. Raises GroundError."""
+    def send(self, name: str, given: dict[str, str], sender: str) -> dict[str, Any]:
+        """Send one telecommand; return outcome, reports and answers.
+
+        Parameters
+        ----------
+        sender : who sent it from the page, for the history
+
+        Raises
+        ------
+        GroundError if it cannot be sent.
+        """
         self._catalogue.build(name, given, 0)  # a wrong command fails before a link is opened
         with closing(self._open_link()) as link:
             packet = self._catalogue.build(name, given, link.next_sequence())
             for verification, _ in follow(link, TelemetryDecoder(), packet, TIMEOUT_S):  # noqa: B007
                 pass
         arguments = " ".join(f"{key}={value}" for key, value in given.items())
-        self._history.add(name, arguments, verification, "page")
+        self._history.add(name, arguments, verification, f"page, {sender}")
         return {
             "outcome": str(verification.outcome),
             "reports": [_plain(sample) for sample in verification.reports],

@@ -2,9 +2,12 @@
 
 A browser sends requests of any page that it shows, also to this server. A foreign page must neither
 read the stream (Origin and Sec-Fetch-Site are checked) nor use another host name (Host is checked).
+Every user of this machine reaches a loopback address, so a page that may command needs a token.
 """
 
 import hmac
+import pwd
+import secrets
 from ipaddress import ip_address
 from pathlib import Path
 
@@ -15,6 +18,8 @@ from ground.errors import UsageError
 
 COOKIE = "inertia_token"
 MIN_TOKEN_CHARACTERS = 16
+RANDOM_TOKEN_BYTES = 24
+SOCKETS = (Path("/proc/net/tcp"), Path("/proc/net/tcp6"))  # Linux' lists of connections
 LOCAL_NAMES = frozenset({"localhost", "127.0.0.1", "::1"})
 OWN_SITES = frozenset({"same-origin", "none"})  # Sec-Fetch-Site: this page, or typed by the user
 # Open MCT compiles its templates ('unsafe-eval'), sets styles, and runs its workers from blobs.
@@ -63,6 +68,39 @@ def read_token(path: Path) -> str:
     return text
 
 
+def random_token() -> str:
+    """Return a token that nobody can guess."""
+    return secrets.token_urlsafe(RANDOM_TOKEN_BYTES)
+
+
+def sender(request: web.Request) -> str:
+    """Return who sent a request: the address, and the user if it came from this machine."""
+    transport = request.transport
+    peer = None if transport is None else transport.get_extra_info("peername")
+    if transport is None or peer is None:
+        return "unknown address"
+    user = _local_user(int(peer[1]), int(transport.get_extra_info("sockname")[1]))
+    return f"{peer[0]} ({user})" if user and is_loopback(peer[0]) else str(peer[0])
+
+
+def _local_user(port: int, server_port: int) -> str:
+    """Return the user whose connection on this machine goes from `port` to the server's port."""
+    wanted = f":{port:04X}", f":{server_port:04X}"
+    for path in SOCKETS:
+        try:
+            lines = path.read_text().splitlines()[1:]
+        except OSError:  # another system
+            continue
+        for columns in map(str.split, lines):
+            if all(columns[k].endswith(end) for k, end in zip((1, 2), wanted, strict=True)):
+                uid = int(columns[7])
+                try:
+                    return pwd.getpwuid(uid).pw_name
+                except KeyError:
+                    return f"uid {uid}"
+    return ""
+
+
 class Guard:
     """Refuses requests of foreign pages, and requests without the token if there is one.
 
@@ -81,6 +119,11 @@ class Guard:
             raise UsageError(f"--http-host {host}: not a loopback address; it needs --http-token")
         self._names = LOCAL_NAMES | {host}
         self._token = token
+
+    @property
+    def needs_token(self) -> bool:
+        """Return whether every request must show the token."""
+        return self._token is not None
 
     async def add_headers(self, _request: web.Request, response: web.StreamResponse) -> None:
         """Add the security headers to a response; called for every response."""

@@ -17,7 +17,7 @@ from ground.downlink import ClearStream, PacketStream
 from ground.errors import GroundError, UsageError
 from ground.gateway.desk import Desk
 from ground.gateway.feed import Feed
-from ground.gateway.guard import Guard, read_token
+from ground.gateway.guard import Guard, random_token, read_token, sender
 from ground.gateway.history import Recordings, thinned
 from ground.gateway.objects import page_objects
 from ground.gateway.points import EVENTS, Points, health_bits
@@ -117,7 +117,9 @@ class Gateway:
         loop = asyncio.get_running_loop()
         try:
             async with self._one_command:
-                answer = await loop.run_in_executor(None, self._desk.send, name, given)
+                answer = await loop.run_in_executor(
+                    None, self._desk.send, name, given, sender(request)
+                )
         except GroundError as error:
             answer = {"error": str(error)}
         return web.json_response(answer)
@@ -217,7 +219,14 @@ def application(
     make_stream: Callable[[], PacketStream] = ClearStream,
     desk: Desk | None = None,
 ) -> web.Application:
-    """Return the web application. Raises UsageError when the files of Open MCT are missing."""
+    """Return the web application.
+
+    Raises
+    ------
+    UsageError when the files of Open MCT are missing, or when the page may command without a token.
+    """
+    if desk is not None and not guard.needs_token:
+        raise UsageError("a page that may command needs a token: every local user reaches it")
     if not (assets / ENTRY).exists():
         raise UsageError(f"{assets}: Open MCT is not there; run `ground fetch-assets`")
     gateway = Gateway(host, port, Recordings(recordings), make_stream, desk)
@@ -254,22 +263,27 @@ def serve(
 ) -> int:
     """Print the page's address and serve until interrupted; return 0."""
     assets = arguments.assets or default_folder()
-    token = None if arguments.http_token is None else read_token(arguments.http_token)
+    query, token = "", None
+    if arguments.http_token is not None:
+        token = read_token(arguments.http_token)
+    elif desk is not None:
+        token = random_token()
+        query = f"?token={token}"
     guard = Guard(arguments.http_host, token)
     app = application(
         arguments.host, arguments.port, assets, arguments.recordings, guard, make_stream, desk
     )
-    asyncio.run(_serve(app, arguments.http_host, arguments.http_port))
+    asyncio.run(_serve(app, arguments.http_host, arguments.http_port, query))
     return 0
 
 
-async def _serve(app: web.Application, host: str, port: int) -> None:
+async def _serve(app: web.Application, host: str, port: int, query: str) -> None:
     runner = web.AppRunner(app, access_log=None)
     await runner.setup()
     site = web.TCPSite(runner, host, port)
     await site.start()
     shown = runner.addresses[0]
-    print(f"http://{shown[0]}:{shown[1]}/", flush=True)
+    print(f"http://{shown[0]}:{shown[1]}/{query}", flush=True)
     try:
         await asyncio.Event().wait()
     finally:

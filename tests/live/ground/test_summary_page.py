@@ -1,5 +1,6 @@
 """The overview of the live page in Chromium: what an operator sees, at two sizes, and commands."""
 
+import getpass
 import json
 import re
 import subprocess
@@ -124,9 +125,10 @@ def test_an_operator_sees_the_verdict_the_values_and_commands(page):
     wait_for("refused", lambda: "WRONG_MODE" in text(browser, "#outcome"))
     lines = (state / "commands.jsonl").read_text().splitlines()
     told = [json.loads(line) for line in lines]
+    via = f"page, 127.0.0.1 ({getpass.getuser()})"
     assert [(t["command"], t["outcome"], t["error"], t["via"]) for t in told] == [
-        ("PING", "completed", "", "page"),
-        ("STOP_IDENTIFICATION", "rejected", "WRONG_MODE", "page"),
+        ("PING", "completed", "", via),
+        ("STOP_IDENTIFICATION", "rejected", "WRONG_MODE", via),
     ]
 
     ARTIFACTS.mkdir(parents=True, exist_ok=True)

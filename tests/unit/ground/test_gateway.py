@@ -1,8 +1,13 @@
 """The gateway's requests and its stream, without a browser."""
 
 import asyncio
+import getpass
 import json
+import subprocess
+import sys
 import time
+import urllib.error
+import urllib.request
 from contextlib import asynccontextmanager
 from itertools import pairwise
 
@@ -24,6 +29,7 @@ from ground.telemetry import TelemetryDecoder
 from tests.support.fake_daemon import OUTSIDE, FakeDaemon, packet, run_of_estimates
 
 MASS = "estimate.target_mass_kg"
+TOKEN = "a token of many characters"
 
 
 @pytest.fixture
@@ -36,9 +42,10 @@ def assets(tmp_path):
 
 @asynccontextmanager
 async def commanding(port, assets, desk):
-    guard = Guard("127.0.0.1")
+    guard = Guard("127.0.0.1", TOKEN)
     app = application("127.0.0.1", port, assets, None, guard, desk=desk)
-    async with TestClient(TestServer(app)) as client:
+    shown = {"Authorization": f"Bearer {TOKEN}"}
+    async with TestClient(TestServer(app), headers=shown) as client:
         yield client
 
 
@@ -379,7 +386,47 @@ def test_a_page_that_may_only_look_sends_nothing_and_another_site_never(assets, 
 
     with FakeDaemon() as daemon:
         asyncio.run(check(daemon))
-    assert [line["command"] for line in CommandHistory(tmp_path).read(9)] == ["PING"]
+    (line,) = CommandHistory(tmp_path).read(9)
+    assert line["command"] == "PING"
+    assert line["via"] == f"page, 127.0.0.1 ({getpass.getuser()})"
+
+
+def test_a_page_that_may_command_needs_a_token(assets, tmp_path):
+    message = {"name": "PING", "arguments": {}, "confirmed": True}
+
+    async def check(daemon):
+        desk = Desk(lambda: Link("127.0.0.1", daemon.port, None), CommandHistory(tmp_path))
+        with pytest.raises(UsageError, match="needs a token"):
+            application("127.0.0.1", daemon.port, assets, None, Guard("127.0.0.1"), desk=desk)
+        async with commanding(daemon.port, assets, desk) as client:
+            for given in ("", "Bearer", f"Bearer {TOKEN}x"):
+                headers = {"Authorization": given}
+                answer = await client.post("/command", json=message, headers=headers)
+                assert answer.status == 401
+        assert not daemon.received
+
+    with FakeDaemon() as daemon:
+        asyncio.run(check(daemon))
+
+
+def test_the_address_that_serve_prints_lets_in_who_can_read_it(assets, tmp_path):
+    with FakeDaemon() as daemon:
+        command = [
+            *(sys.executable, "-m", "ground", "--port", str(daemon.port)),
+            *("--state", str(tmp_path), "serve", "--http-port", "0", "--command"),
+            *("--assets", str(assets)),
+        ]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as gateway:
+            try:
+                address = gateway.stdout.readline().strip()
+                plain = address.partition("?")[0]
+                with pytest.raises(urllib.error.HTTPError, match="401"):
+                    urllib.request.urlopen(plain + "words")
+                opener = urllib.request.build_opener(urllib.request.HTTPCookieProcessor())
+                opener.open(address).close()
+                assert json.load(opener.open(plain + "words"))["may_command"]
+            finally:
+                gateway.terminate()
 
 
 def test_a_body_that_is_not_identified_has_no_values():
