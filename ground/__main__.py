@@ -214,7 +214,10 @@ def _serve_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser])
         "--http-host", default="127.0.0.1", help="127.0.0.1; another needs --http-token"
     )
     serve.add_argument(
-        "--http-token", type=Path, metavar="FILE", help="what a browser must show, mode 0600; with --command a random one without it"
+        "--http-token",
+        type=Path,
+        metavar="FILE",
+        help="what a browser must show, mode 0600; with --command a random one without it",
     )
     serve.add_argument("--http-port", type=_port, default=8080, help="8080; 0: any free one")
     serve.add_argument("--assets", type=Path, metavar="DIR", help="of `ground fetch-assets`")

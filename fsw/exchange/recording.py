@@ -23,7 +23,7 @@ from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.records import Attachment, Channel, Chunk, ChunkIndex, Metadata
 from mcap.records import Message as McapMessage
-from mcap.stream_reader import StreamReader, get_chunk_data_stream
+from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.summary import Summary
 from numpy.typing import NDArray
 from zstandard import ZstdError
@@ -36,12 +36,14 @@ from fsw.drivers.wire import (
     FrameArray,
     frames_from,
 )
+from fsw.exchange.chunks import expanded
 from fsw.messages import IntArray
 from fsw.messages.errors import ConfigError
 
 SAMPLES = "/samples/"  # prefix of topics of decoded samples: JSON, values as the sensor gave them
 SAMPLED = "samples"  # metadata of a recording with decoded samples: names of its joints
 END_NS = 1 << 63  # later than every valid time
+MAX_IN_MEMORY = 4 << 30  # bytes of a file without an index, which is read whole
 _RECORD_HEAD = struct.Struct("<BQ")  # MCAP: opcode, length
 _MESSAGE_HEAD = struct.Struct("<HIQQ")  # MCAP: channel, sequence, log time, publish time
 _RECORD = struct.Struct("<BQH4xQ8x")  # both heads, without sequence and publish time
@@ -261,6 +263,9 @@ def _streamed(path: Path, wanted: set[str]) -> dict[str, Column]:
             if record.log_time >= END_NS:
                 raise ConfigError(f"{path}: damaged: a message at {record.log_time} ns")
             start = len(data)
+            if start + len(record.data) > MAX_IN_MEMORY:
+                words = f"no index, and more than {MAX_IN_MEMORY} bytes of messages"
+                raise ConfigError(f"{path}: {words}: record it in parts (recorder.part_bytes)")
             data += record.data
             span = (record.log_time, start, len(data))
             spans.setdefault(names[record.channel_id], []).append(span)
@@ -273,8 +278,8 @@ def _read_chunk(path: Path, index: ChunkIndex, topics: Mapping[int, str]) -> dic
     try:
         with _open(path) as file:
             file.seek(offset + _RECORD_HEAD.size)
-            stream, size = get_chunk_data_stream(Chunk.read(ReadDataStream(file)), True)
-            data, places = stream.read(size), _places(file.read(index.message_index_length))
+            data = expanded(Chunk.read(ReadDataStream(file))).data
+            places = _places(file.read(index.message_index_length))
         found = _indexed(data, places, topics)
         found = _columns(data, topics) if found is None else found
         for column in found.values():
@@ -364,12 +369,16 @@ def _stream(path: Path, whole: _Ended) -> Iterator[object]:
     """Yield records up to the end or the break; set `whole.ended` at the end."""
     with _open(path) as file:
         size = path.stat().st_size
-        reader = StreamReader(file, validate_crcs=True, record_size_limit=max(size, 1))
+        limit = max(size, 1)
+        reader = StreamReader(file, emit_chunks=True, validate_crcs=True, record_size_limit=limit)
         seen = False
         try:
             for record in reader.records:
                 seen = True
-                yield record
+                if isinstance(record, Chunk):
+                    yield from breakup_chunk(expanded(record))
+                else:
+                    yield record
         except _BROKEN as error:
             if not seen:
                 with _open(path) as begun:

@@ -1,10 +1,18 @@
 import json
 import random
+import tracemalloc
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 
+import lz4.frame
 import pytest
+import zstandard
+from mcap.data_stream import RecordBuilder
 from mcap.reader import make_reader
+from mcap.records import Chunk
+from mcap.stream_reader import StreamReader
+from mcap.writer import CompressionType, Writer
 
 from fsw.drivers.wire import (
     ByteChunk,
@@ -225,3 +233,49 @@ def test_a_message_index_that_does_not_fit_changes_nothing(tmp_path: Path, damag
     assert held(tmp_path / "a.mcap", ["/serial/imu"]) == [
         (chunk.t_ns, "/serial/imu", chunk.data) for chunk in sent
     ]
+
+
+def bomb(path: Path, *, claimed: int, true: int, compression: str) -> None:
+    """Write a recording with one chunk of `true` zero bytes that says it has `claimed`."""
+    compress = {"zstd": zstandard.compress, "lz4": lz4.frame.compress}[compression]
+    with path.open("wb") as file:
+        writer = Writer(file, compression=CompressionType.NONE)
+        writer.start()
+        channel = writer.register_channel("/events", "json", 0)
+        writer.add_message(channel, 7, b"{}", 7)
+        writer.finish()
+    data = path.read_bytes()
+    chunk = next(r for r in StreamReader(BytesIO(data), emit_chunks=True).records if is_chunk(r))
+    builder = RecordBuilder()
+    chunk.write(builder)
+    old = builder.end()
+    new = replace(
+        chunk,
+        compression=compression,
+        uncompressed_size=claimed,
+        uncompressed_crc=0,
+        data=compress(bytes(true)),
+    )
+    new.write(builder)
+    path.write_bytes(data.replace(old, builder.end()))
+
+
+def is_chunk(record: object) -> bool:
+    return isinstance(record, Chunk)
+
+
+@pytest.mark.parametrize("compression", ["zstd", "lz4"])
+@pytest.mark.parametrize(
+    ("claimed", "true"), [(1 << 31, 1 << 20), (100, 64 << 20), (1 << 40, 100), (200, 100)]
+)
+def test_a_chunk_that_expands_beyond_bounds_is_damage(
+    tmp_path: Path, compression: str, claimed: int, true: int
+):
+    bomb(tmp_path / "a.mcap", claimed=claimed, true=true, compression=compression)
+    tracemalloc.start()
+    try:
+        contents(tmp_path / "a.mcap")
+        assert not list(messages(tmp_path / "a.mcap", ["/events"]))
+        assert tracemalloc.get_traced_memory()[1] < 16 << 20
+    finally:
+        tracemalloc.stop()
