@@ -98,7 +98,7 @@ class Feed:
                     self.reason = str(error)
                 except Exception as error:  # noqa: BLE001  the reader never ends silently
                     self.reason = f"the reader failed: {type(error).__name__}: {error}"
-                    self._add_event("high", "READER_FAILED", self.reason, time.time_ns() / 1e6)
+                    self.add_event("high", "READER_FAILED", self.reason, time.time_ns() / 1e6)
                 finally:
                     self.connected = False
                     writer.close()
@@ -144,7 +144,7 @@ class Feed:
         if sample.packet in (UNKNOWN, FILE_UNIT):
             return
         if event is not None:
-            self._add_event(event["severity"], event["code"], event["text"], t_ms)
+            self.add_event(event["severity"], event["code"], event["text"], t_ms)
             return
         if sample.packet not in self._points.packets:
             return
@@ -174,13 +174,14 @@ class Feed:
         kind = " ".join(f"{name} {sample.values[name]}" for name in names if name in sample.values)
         if kind not in self.unknown and len(self.unknown) < MAX_KINDS:
             text = f"{kind}, {sample.values['size_bytes']} bytes: {sample.values['raw']}"
-            self._add_event("low", "UNKNOWN_PACKET", text, t_ms)
+            self.add_event("low", "UNKNOWN_PACKET", text, t_ms)
         if kind in self.unknown or len(self.unknown) < MAX_KINDS:
             self.unknown[kind] += 1
         else:
             self.unknown["other"] += 1
 
-    def _add_event(self, severity: str, code: str, text: str, t_ms: float) -> None:
+    def add_event(self, severity: str, code: str, text: str, t_ms: float) -> None:
+        """Add an event of the ground or of the daemon, at its time of day [ms since 1970]."""
         self.events.append({"severity": severity, "code": code, "text": text, "utc": t_ms})
         self._listener(EVENTS, t_ms, {})
 

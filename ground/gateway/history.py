@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import struct
 import threading
 import time
@@ -12,8 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mcap.exceptions import McapError
-from mcap.reader import NonSeekingReader
+import zstandard
+from mcap.exceptions import InvalidMagic, McapError
+from mcap.records import Channel, Chunk, McapRecord, Message
+from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 
 FIRST_ROWS, MAX_ROWS = 256, 20_000
@@ -22,8 +26,15 @@ REREAD_S = 30.0  # between two readings of a changed recording; newer values are
 ESTIMATES = "/estimate"
 TOPICS = (ESTIMATES, "/events")
 AXES = ("x", "y", "z")
+MAX_CHUNK_BYTES = 64 << 20  # of one chunk, expanded; the recorder closes its own far below
 INERTIA = ("xx", "xy", "xz", "yy", "yz", "zz")
 Row = tuple[float, float]  # time [ms since 1970], value
+# errors of values that are not what the recorder writes, and of a broken file or chunk
+_INVALID = (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError)
+_DAMAGED = (
+    *(McapError, ValueError, OSError, struct.error, RuntimeError, MemoryError, OverflowError),
+    zstandard.ZstdError,
+)
 
 
 class Ring:
@@ -125,12 +136,24 @@ class Recordings:
         for path in files:
             with self._lock:
                 recorded = self._newest(path)
-            if len(recorded.times_ms) or recorded.events:
+            if recorded is not None and (len(recorded.times_ms) or recorded.events):
                 yield recorded
 
-    def _newest(self, path: Path) -> RecordedStream:
-        """Return a recording; read a changed one again after `REREAD_S`."""
-        facts, now_s = path.stat(), time.monotonic()
+    @property
+    def unreadable(self) -> list[str]:
+        """Return a line for each recording that was read in part only or not at all."""
+        with self._lock:
+            kept = [(path, entry[2]) for path, entry in self._read.items()]
+        return [
+            f"{path.name}: {own.damage}" for path, own in kept if own is not None and own.damage
+        ]
+
+    def _newest(self, path: Path) -> RecordedStream | None:
+        """Return a recording, None if it is gone; read a changed one again after `REREAD_S`."""
+        try:
+            facts, now_s = path.stat(), time.monotonic()
+        except OSError:
+            return None
         mark = facts.st_mtime_ns, facts.st_size
         known = self._read.get(path)
         if known is None or (known[0] != mark and now_s - known[1] > REREAD_S):
@@ -147,6 +170,7 @@ class RecordedStream:
     events: Sequence[tuple[float, Mapping[str, str]]]
     changed_ms: float  # time of day of the file's last change
     last_ms: float
+    damage: str = ""  # why the rest of it cannot be read
 
     def offset_ms(self, known_ms: float | None) -> float:
         """Return the time of day less the daemon's clock [ms].
@@ -161,29 +185,76 @@ class RecordedStream:
 
 
 def read_recording(path: Path) -> RecordedStream:
-    """Read a recording, complete or still being written, up to its last readable message."""
+    """Read a recording, complete or still being written, up to its last readable message.
+
+    A message with invalid content is left out, as are those behind damage of the file. Both are
+    named in `damage`. A file without its end is still being written, or was cut by a power failure.
+    """
     times: list[float] = []
     rows: list[dict[str, float]] = []
     events: list[tuple[float, dict[str, str]]] = []
-    last_ms = 0.0
-    with path.open("rb") as file:
-        try:
-            reader = NonSeekingReader(file)
-            for _, channel, message in reader.iter_messages(list(TOPICS), log_time_order=False):
-                last_ms = max(last_ms, message.log_time / 1e6)
-                values = json.loads(message.data)
-                if channel.topic == ESTIMATES:
-                    times.append(message.log_time / 1e6)
+    last_ms, invalid, damage = 0.0, 0, ""
+    try:
+        for topic, t_ns, data in _messages(path):
+            t_ms = t_ns / 1e6
+            last_ms = max(last_ms, t_ms)
+            try:
+                values = json.loads(data)
+                if topic == ESTIMATES:
                     rows.append(estimate_fields(values))
+                    times.append(t_ms)
                 else:
                     event = {name: str(values[name]) for name in ("severity", "code", "text")}
-                    events.append((message.log_time / 1e6, event))
-        except (McapError, ValueError, KeyError, struct.error):
-            pass  # the readable messages are kept
+                    events.append((t_ms, event))
+            except _INVALID:
+                invalid += 1
+    except InvalidMagic:
+        damage = "no MCAP file"
+    except _DAMAGED as error:
+        damage = f"damaged: {str(error) or type(error).__name__}" if _is_closed(path) else ""
+    if invalid:
+        damage = "; ".join(filter(None, (damage, f"{invalid} messages with invalid content")))
     names = {name for row in rows for name in row}
     columns = {name: np.array([row.get(name, np.nan) for row in rows]) for name in names}
-    changed_ms = path.stat().st_mtime_ns / 1e6
-    return RecordedStream(np.array(times), columns, events, changed_ms, last_ms)
+    try:
+        changed_ms = path.stat().st_mtime_ns / 1e6
+    except OSError:
+        changed_ms = last_ms
+    return RecordedStream(np.array(times), columns, events, changed_ms, last_ms, damage)
+
+
+def _is_closed(path: Path) -> bool:
+    """Return whether a file ends as a finished recording does."""
+    try:
+        with path.open("rb") as file:
+            file.seek(-len(MCAP0_MAGIC), os.SEEK_END)
+            return file.read() == MCAP0_MAGIC
+    except OSError:
+        return False
+
+
+def _messages(path: Path) -> Iterator[tuple[str, int, bytes]]:
+    """Yield topic, log time [ns] and data of the messages of a recording in file order."""
+    topics: dict[int, str] = {}
+    with path.open("rb") as file:
+        size = max(path.stat().st_size, 1)
+        reader = StreamReader(file, emit_chunks=True, record_size_limit=size)
+        for record in reader.records:
+            for one in _expanded(record) if isinstance(record, Chunk) else [record]:
+                if isinstance(one, Channel):
+                    topics[one.id] = one.topic
+                elif isinstance(one, Message) and topics.get(one.channel_id) in TOPICS:
+                    yield topics[one.channel_id], one.log_time, one.data
+
+
+def _expanded(chunk: Chunk) -> Sequence[McapRecord]:
+    """Return the records in a chunk. Raises ValueError if it expands too far."""
+    size = chunk.uncompressed_size
+    if chunk.compression == "zstd":
+        size = max(size, zstandard.frame_content_size(chunk.data))
+    if size > MAX_CHUNK_BYTES:
+        raise ValueError(f"a chunk of {size} bytes; at most {MAX_CHUNK_BYTES} are read")
+    return breakup_chunk(chunk, validate_crc=True)
 
 
 def estimate_fields(values: Mapping[str, Any]) -> dict[str, float]:

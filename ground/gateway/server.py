@@ -3,6 +3,7 @@
 import argparse
 import asyncio
 import json
+import time
 from collections import deque
 from collections.abc import AsyncIterator, Callable
 from contextlib import suppress
@@ -15,6 +16,7 @@ from aiohttp import WSMsgType, web
 from ground.assets import ENTRY, default_folder
 from ground.downlink import ClearStream, PacketStream
 from ground.errors import GroundError, UsageError
+from ground.gateway.connections import NEXT_REQUEST_S, Connections
 from ground.gateway.desk import Desk
 from ground.gateway.feed import Feed
 from ground.gateway.guard import Guard, random_token, read_token, sender
@@ -23,9 +25,13 @@ from ground.gateway.objects import page_objects
 from ground.gateway.points import EVENTS, Points, health_bits
 
 STATIC = Path(__file__).parent / "static"
+CONNECTIONS = web.AppKey("connections", Connections)
 PERIOD_S = 0.1  # shortest time between two messages to a client
 KEPT = 50  # most values of a point that wait for a client; more drop the oldest
 MAX_SIZE = 5000
+MAX_PAGES = 50  # open at one time
+MAX_MESSAGE_BYTES = 1 << 20  # of a page
+BODY_S = 10.0  # time for the body of a request
 
 
 class PageClient:
@@ -72,6 +78,7 @@ class Gateway:
         self._points, self._recordings = Points(), recordings
         self.feed = Feed(host, port, self._points, self.take, make_stream)
         self._clients: set[PageClient] = set()
+        self._damage: set[str] = set()  # lines on damaged recordings that were reported
         self._objects = page_objects(self._points)
 
     def take(self, packet: str, t_ms: float, numbers: dict[str, float]) -> None:
@@ -106,11 +113,14 @@ class Gateway:
         if request.content_type != "application/json":
             raise web.HTTPUnsupportedMediaType(text="application/json")
         try:
-            message = await request.json()
+            async with asyncio.timeout(BODY_S):
+                message = await request.json()
             name, given = str(message["name"]), message["arguments"]
             given = {str(key): str(value) for key, value in given.items()}
             confirmed = message["confirmed"] is True
-        except (ValueError, KeyError, TypeError, AttributeError) as error:
+        except (
+            *(ValueError, KeyError, TypeError, AttributeError, RecursionError, TimeoutError),
+        ) as error:
             raise web.HTTPBadRequest(text="name, arguments, confirmed") from error
         if not confirmed:
             raise web.HTTPBadRequest(text="not confirmed")
@@ -161,7 +171,9 @@ class Gateway:
 
     async def stream(self, request: web.Request) -> web.WebSocketResponse:
         """Send live values, staleness and the state of the link until the page is closed."""
-        socket = web.WebSocketResponse(heartbeat=10.0)
+        if len(self._clients) >= MAX_PAGES:
+            raise web.HTTPServiceUnavailable(text=f"{MAX_PAGES} pages are open; close one")
+        socket = web.WebSocketResponse(heartbeat=10.0, max_msg_size=MAX_MESSAGE_BYTES)
         await socket.prepare(request)
         client = PageClient()
         self._clients.add(client)
@@ -169,7 +181,7 @@ class Gateway:
         try:
             async for message in socket:
                 if message.type == WSMsgType.TEXT:
-                    _change_wanted(client, message.data)
+                    _change_wanted(client, message.data, self._points)
         finally:
             self._clients.discard(client)
             sender.cancel()
@@ -197,16 +209,24 @@ class Gateway:
         old = await asyncio.get_running_loop().run_in_executor(
             None, self._recordings.events, start_ms, until_ms, self.feed.offset_ms
         )
+        self._report_damage()
         return [*old, *live]
 
+    def _report_damage(self) -> None:
+        """Add an event for each recording that cannot be read to its end."""
+        for line in self._recordings.unreadable:
+            if line not in self._damage:
+                self._damage.add(line)
+                self.feed.add_event("low", "RECORDING_DAMAGED", line, time.time_ns() / 1e6)
 
-def _change_wanted(client: PageClient, text: str) -> None:
-    """Change a page's subscriptions by its message; ignore an invalid message."""
+
+def _change_wanted(client: PageClient, text: str, points: Points) -> None:
+    """Change a page's subscriptions to points that exist; ignore an invalid message."""
     try:
         message = json.loads(text)
-        client.wanted |= set(map(str, message.get("subscribe", ())))
+        client.wanted |= points.by_key.keys() & set(map(str, message.get("subscribe", ())))
         client.wanted -= set(map(str, message.get("unsubscribe", ())))
-    except (ValueError, AttributeError, TypeError):
+    except (ValueError, AttributeError, TypeError, RecursionError):
         return
 
 
@@ -230,7 +250,9 @@ def application(
     if not (assets / ENTRY).exists():
         raise UsageError(f"{assets}: Open MCT is not there; run `ground fetch-assets`")
     gateway = Gateway(host, port, Recordings(recordings), make_stream, desk)
-    app = web.Application(middlewares=[guard.middleware()])
+    connections = Connections()
+    app = web.Application(middlewares=[connections.middleware(), guard.middleware()])
+    app[CONNECTIONS] = connections
     app.on_response_prepare.append(guard.add_headers)
     app.add_routes(
         [
@@ -278,8 +300,9 @@ def serve(
 
 
 async def _serve(app: web.Application, host: str, port: int, query: str) -> None:
-    runner = web.AppRunner(app, access_log=None)
+    runner = web.AppRunner(app, access_log=None, keepalive_timeout=NEXT_REQUEST_S)
     await runner.setup()
+    watching = asyncio.create_task(app[CONNECTIONS].watch(runner))
     site = web.TCPSite(runner, host, port)
     await site.start()
     shown = runner.addresses[0]
@@ -287,4 +310,5 @@ async def _serve(app: web.Application, host: str, port: int, query: str) -> None
     try:
         await asyncio.Event().wait()
     finally:
+        watching.cancel()
         await runner.cleanup()

@@ -22,7 +22,7 @@ from ground.gateway.feed import Feed
 from ground.gateway.guard import Guard
 from ground.gateway.history import MAX_ROWS, Recordings, Ring, thinned
 from ground.gateway.points import Points
-from ground.gateway.server import KEPT, PERIOD_S, PageClient, application
+from ground.gateway.server import KEPT, PERIOD_S, PageClient, _change_wanted, application
 from ground.history import CommandHistory
 from ground.link import Link
 from ground.telemetry import TelemetryDecoder
@@ -236,6 +236,38 @@ def test_a_recording_that_is_being_written_or_broken_is_read_as_far_as_it_goes(t
             assert len(masses) > 500
 
 
+def test_one_damaged_recording_takes_nothing_of_the_others(assets, tmp_path):
+    recorded(tmp_path / "b.mcap", 100.0, range(300, 320))
+    whole = (tmp_path / "b.mcap").read_bytes()
+    damaged = bytearray(whole)
+    damaged[len(whole) // 4] ^= 0xFF
+    (tmp_path / "a.mcap").write_bytes(damaged)
+    (tmp_path / "c.mcap").write_bytes(b"no recording at all")
+    (tmp_path / "d.mcap").mkdir()
+    for name, data in (("e", [1]), ("f", {"valid": None}), ("g", {"estimate": 5, "valid": 1})):
+        writer = RecordingWriter(tmp_path / f"{name}.mcap")
+        writer._add("/estimate", "json", 7, json.dumps(data).encode())
+        writer._add("/estimate", "json", 8, b"[" * 100_000)
+        writer._add("/events", "json", 9, b'{"severity": "low", "code": "X", "text": "x"}')
+        writer.close()
+
+    async def check():
+        async with gateway(1, assets, tmp_path) as client:
+            answer = await client.get(f"/history/{MASS}?start=0&end=1e15")
+            assert answer.status == 200
+            assert [mass for _, mass in await answer.json()] == list(range(300, 320))
+            events = await (await client.get("/history/events?start=0&end=1e15")).json()
+            assert [e["code"] for e in events].count("X") == 3
+            events = await (await client.get("/history/events?start=0&end=1e15")).json()
+            lines = [e["text"] for e in events if e["code"] == "RECORDING_DAMAGED"]
+            assert sum("a.mcap: damaged" in line for line in lines) == 1, lines
+            assert "c.mcap: no MCAP file" in lines
+            for name in ("e", "f", "g"):
+                assert f"{name}.mcap: 2 messages with invalid content" in lines
+
+    asyncio.run(check())
+
+
 def test_memory_is_bounded_and_keeps_the_newest():
     ring = Ring(["a", "b"])
     for k in range(3 * MAX_ROWS):
@@ -260,7 +292,7 @@ def test_thinning_keeps_the_extremes():
 def test_what_a_page_says_wrongly_changes_nothing(assets):
     async def check(port):
         async with gateway(port, assets) as client, client.ws_connect("/stream") as socket:
-            for text in ("{", "[]", '{"subscribe": 5}', '"x"', "{}"):
+            for text in ("{", "[]", '{"subscribe": 5}', '"x"', "{}", "[" * 100_000):
                 await socket.send_str(text)
             await socket.send_bytes(b"\0")
             await socket.send_str(json.dumps({"subscribe": [MASS]}))
@@ -269,6 +301,15 @@ def test_what_a_page_says_wrongly_changes_nothing(assets):
 
     with FakeDaemon(stream=run_of_estimates()) as daemon:
         asyncio.run(check(daemon.port))
+
+
+def test_subscriptions_are_those_of_points_that_exist():
+    client, points = PageClient(), Points()
+    many = [f"no.such{k}" for k in range(10_000)]
+    _change_wanted(client, json.dumps({"subscribe": [MASS, *many]}), points)
+    assert client.wanted == {MASS}
+    _change_wanted(client, json.dumps({"unsubscribe": [MASS]}), points)
+    assert not client.wanted
 
 
 def test_packets_outside_the_dictionary_are_counted_and_the_reader_goes_on(assets):
