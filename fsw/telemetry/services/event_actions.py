@@ -2,11 +2,16 @@
 
 An event queues its action, and `poll` releases the action later. So an event that an action causes
 never releases the next action directly. A loop of events and actions ends: a definition that would
-act more than `MOST_RELEASES` times within `WINDOW_NS` is disabled, also after a restart.
+act more than `MOST_RELEASES` times within `WINDOW_NS` (a restart: within a day), or more than
+`MOST_A_DAY` times within a day, is disabled. Releases are stored before they act, because a restart
+would lose them; a restart whose release cannot be stored is not released. An event of sequences
+starts no sequence, as no sequence starts one.
 """
 
+from __future__ import annotations
+
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -27,7 +32,47 @@ MOST_QUEUED = 32
 RELEASED_PER_POLL = 4
 MOST_RELEASES = 10  # of one definition within `WINDOW_NS`
 WINDOW_NS = 60_000_000_000
+MOST_A_DAY = 100
+DAY_NS = 86_400_000_000_000
+SEQUENCE_SERVICE = 21
+OF_SEQUENCES = "SEQUENCE_"  # begins the codes of their events
+ENDS_THE_PROCESS = "RESTART"
 NAMES = {event.id: event.code for event in DICTIONARY.events}
+
+
+@dataclass(slots=True)
+class Releases:
+    """The last releases of one definition, by the time of day, which a restart does not change."""
+
+    times_ns: deque[int] = field(default_factory=lambda: deque(maxlen=MOST_RELEASES))
+    day_began_ns: int = 0
+    in_day: int = 0
+
+    def excess(self, now_ns: int, window_ns: int) -> str:
+        """Return the limit that another release would exceed; empty: none."""
+        times_ns = self.times_ns
+        if len(times_ns) == MOST_RELEASES and abs(now_ns - times_ns[0]) < window_ns:
+            return f"{MOST_RELEASES} actions within {window_ns / 1e9:.0f} s"
+        if self.in_day >= MOST_A_DAY and abs(now_ns - self.day_began_ns) < DAY_NS:
+            return f"{MOST_A_DAY} actions within a day"
+        return ""
+
+    def note(self, now_ns: int) -> None:
+        """Count a release."""
+        self.times_ns.append(now_ns)
+        if self.in_day == 0 or abs(now_ns - self.day_began_ns) >= DAY_NS:
+            self.day_began_ns, self.in_day = now_ns, 0
+        self.in_day += 1
+
+    def document(self) -> list[int]:
+        """Return plain values, to be stored."""
+        return [self.day_began_ns, self.in_day, *self.times_ns]
+
+    @classmethod
+    def parse(cls, values: list[int]) -> Releases:
+        """Return the releases of plain values. Raises IndexError, TypeError or ValueError."""
+        began_ns, in_day, *times_ns = map(int, values)
+        return cls(deque(times_ns, MOST_RELEASES), began_ns, in_day)
 
 
 @dataclass(slots=True)
@@ -36,8 +81,8 @@ class Definition:
 
     packet: bytes
     enabled: bool = False
-    released: int = 0
-    times_ns: deque[int] = field(default_factory=lambda: deque(maxlen=MOST_RELEASES))
+    released: int = 0  # since the start of the daemon
+    releases: Releases = field(default_factory=Releases)
 
 
 class EventActions:
@@ -56,14 +101,15 @@ class EventActions:
         definition = self._definitions.get(number)
         if not self.enabled or definition is None or not definition.enabled:
             return
-        now_ns = self._context.now_ns()
-        times_ns = definition.times_ns
-        if len(times_ns) == MOST_RELEASES and now_ns - times_ns[0] < WINDOW_NS:
-            self._limit(number, definition)
+        now_ns = self._context.now_ns() + self._context.epoch().utc_less_met_ns
+        window_ns = DAY_NS if self._restarts(definition) else WINDOW_NS
+        excess = definition.releases.excess(now_ns, window_ns)
+        if excess:
+            self._limit(number, definition, excess)
         elif len(self._queue) >= MOST_QUEUED:
             self._context.report("EVENT_ACTION_LOST", f"{NAMES[number]}: {MOST_QUEUED} wait")
         else:
-            times_ns.append(now_ns)
+            definition.releases.note(now_ns)
             self._queue.append(number)
 
     def poll(self) -> None:
@@ -73,9 +119,26 @@ class EventActions:
             definition = self._definitions.get(number)
             if definition is None:
                 continue  # deleted in the meantime
+            if not self._stored(number, definition):
+                continue
             definition.released += 1
             self._context.report("EVENT_ACTION", NAMES[number])
             self._context.executor.receive(definition.packet, f"event {NAMES[number]}")
+
+    def _stored(self, number: int, definition: Definition) -> bool:
+        """Store the releases; return whether the action may act."""
+        try:
+            keep_document(self._store, self._document(self._definitions, enabled=self.enabled))
+        except TcError as error:
+            if self._restarts(definition):
+                text = f"{NAMES[number]}: a restart that is not counted may never end: {error}"
+                self._context.report("EVENT_ACTION_LOST", text)
+                return False
+        return True
+
+    def _restarts(self, definition: Definition) -> bool:
+        name = self._context.executor.check(definition.packet).telecommand.name
+        return name == ENDS_THE_PROCESS
 
     def digest(self) -> list[object]:
         """Return all state that telecommands can change, as plain values."""
@@ -101,7 +164,7 @@ class EventActions:
         number = request.whole("event")
         if number == 0:
             raise TcError(Error.BAD_ARG, 3, 0, "no event")
-        checked_request(self._context.executor, request.data, 4, (OWN_SERVICE,))
+        checked_request(self._context.executor, request.data, 4, _barred(number))
         before = self._definitions.get(number)
         if before is not None and before.enabled:
             raise TcError(Error.BUSY, 3, number, "its action is enabled")
@@ -120,7 +183,7 @@ class EventActions:
 
     def _switch(self, request: Request, *, enabled: bool) -> Action:
         number, definition = self._find(request)
-        changed = Definition(definition.packet, enabled, definition.released, definition.times_ns)
+        changed = replace(definition, enabled=enabled)
         return partial(self._change, {number: changed})
 
     def _switch_all(self, *, enabled: bool) -> Done:
@@ -143,11 +206,10 @@ class EventActions:
         self._definitions = definitions
         return Done.NOW
 
-    def _limit(self, number: int, definition: Definition) -> None:
+    def _limit(self, number: int, definition: Definition, excess: str) -> None:
         """Disable an action that is released too often, and report that."""
         definition.enabled = False
-        text = f"{NAMES[number]}: {MOST_RELEASES} actions within {WINDOW_NS / 1e9:.0f} s; disabled"
-        self._context.report("EVENT_ACTION_LIMITED", text)
+        self._context.report("EVENT_ACTION_LIMITED", f"{NAMES[number]}: {excess}; disabled")
         try:
             keep_document(self._store, self._document(self._definitions, enabled=self.enabled))
         except TcError as error:
@@ -156,7 +218,12 @@ class EventActions:
     @staticmethod
     def _document(definitions: dict[int, Definition], *, enabled: bool) -> dict[str, object]:
         entries = [
-            {"event": number, "enabled": item.enabled, "packet": item.packet.hex()}
+            {
+                "event": number,
+                "enabled": item.enabled,
+                "packet": item.packet.hex(),
+                "releases": item.releases.document(),
+            }
             for number, item in definitions.items()
         ]
         return {"enabled": enabled, "definitions": entries}
@@ -170,7 +237,7 @@ class EventActions:
             for number, definition in definitions[:CAPACITY]:
                 try:
                     packet = definition.packet
-                    checked_request(self._context.executor, packet, 4, (OWN_SERVICE,))
+                    checked_request(self._context.executor, packet, 4, _barred(number))
                 except TcError as error:
                     faults.append(f"{NAMES.get(number, number)}: {error}")
                 else:
@@ -207,6 +274,12 @@ class EventActions:
         return act
 
 
+def _barred(number: int) -> tuple[int, ...]:
+    """Return the services whose telecommands cannot be the action of an event."""
+    of_sequences = NAMES.get(number, "").startswith(OF_SEQUENCES)
+    return (OWN_SERVICE, SEQUENCE_SERVICE) if of_sequences else (OWN_SERVICE,)
+
+
 def _parse(document: Any) -> tuple[bool, list[tuple[int, Definition]]]:  # noqa: ANN401
     """Return the switch of the service, and each event's number with its action."""
     found = []
@@ -214,5 +287,9 @@ def _parse(document: Any) -> tuple[bool, list[tuple[int, Definition]]]:  # noqa:
         number = entry["event"]
         if number not in NAMES:
             raise ValueError(f"event {number} is not in the dictionary")
-        found.append((number, Definition(packet_of(entry["packet"]), bool(entry["enabled"]))))
+        releases = Releases.parse(entry.get("releases", [0, 0]))
+        definition = Definition(
+            packet_of(entry["packet"]), bool(entry["enabled"]), releases=releases
+        )
+        found.append((number, definition))
     return bool(document["enabled"]), found

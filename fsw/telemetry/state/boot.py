@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-import json
+from contextlib import suppress
 from dataclasses import dataclass
+from typing import Any
 
 from fsw.telemetry.dictionary.codes import RESET_CAUSE
+from fsw.telemetry.link.telecommands import TcError
+from fsw.telemetry.state.documents import keep_document, read_document
 from fsw.telemetry.state.store import GenerationStore
 
 # texts of the dictionary's reset_cause, in the order of its numbers
@@ -25,15 +28,14 @@ class Boot:
 
         If the state directory cannot be written, the start is counted but not stored.
         """
-        generations, _ = store.read()
-        last = json.loads(generations[0].content) if generations else None
+        last, _ = read_document(store, _parse)
         if last is None:
             boot = cls(1, RESET_CAUSE.value("FIRST_START"))
         elif resume:
-            return cls(last["count"], last["cause"])
+            return last.boot
         else:
-            cause = RESET_CAUSE.value("CRASH") if last["running"] else last["next_cause"]
-            boot = cls(last["count"] + 1, cause)
+            cause = RESET_CAUSE.value("CRASH") if last.running else last.next_cause
+            boot = cls(last.boot.count + 1, cause)
         boot.keep(store, running=True, commanded=False)
         return boot
 
@@ -49,7 +51,21 @@ class Boot:
             "running": running,
             "next_cause": RESET_CAUSE.value("COMMANDED" if commanded else "STOPPED"),
         }
-        try:
-            store.write(json.dumps(document).encode())
-        except OSError:
-            return  # the recorder reports a full disk
+        with suppress(TcError):  # the recorder reports a full disk
+            keep_document(store, document)
+
+
+@dataclass(frozen=True, slots=True)
+class _Stored:
+    """The last run as it was stored, and the cause of the start that follows its end."""
+
+    boot: Boot
+    running: bool
+    next_cause: int
+
+
+def _parse(document: Any) -> _Stored:  # noqa: ANN401
+    count, causes = int(document["count"]), (document["cause"], document["next_cause"])
+    if count < 1 or any(cause not in range(len(CAUSES)) for cause in causes):
+        raise ValueError("a count from 1, and causes of the dictionary")
+    return _Stored(Boot(count, causes[0]), document["running"] is True, causes[1])

@@ -9,6 +9,8 @@ from fsw.telemetry.link.telecommands import TcError
 from fsw.telemetry.state.store import GenerationStore
 
 T = TypeVar("T")
+# errors of a parser on JSON of another form than its own
+INVALID = (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError)
 
 
 def read_document(store: GenerationStore, parse: Callable[[Any], T]) -> tuple[T | None, int]:
@@ -16,13 +18,13 @@ def read_document(store: GenerationStore, parse: Callable[[Any], T]) -> tuple[T 
 
     Parameters
     ----------
-    parse : converts the decoded JSON; raises KeyError, TypeError or ValueError if it is invalid
+    parse : converts the decoded JSON; raises one of INVALID if it is invalid
     """
     generations, damaged = store.read()
     for generation in generations:
         try:
             return parse(json.loads(generation.content)), damaged
-        except (KeyError, TypeError, ValueError, AttributeError, RecursionError):
+        except INVALID:
             damaged += 1
     return None, damaged
 

@@ -1,9 +1,10 @@
 """Lines of JSON that survive a restart, in a file of bounded size and its predecessor."""
 
 import json
+import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 
 class Journal:
@@ -24,12 +25,17 @@ class Journal:
         return self._path, self._before
 
     def append(self, values: Mapping[str, Any]) -> None:
-        """Append one line; a line that cannot be written is lost."""
+        """Append one line; a line that cannot be written is lost.
+
+        A line that was cut by a full disk or a power failure is ended first.
+        """
         try:
             if self._path.exists() and self._path.stat().st_size > self._limit_bytes:
                 self._path.replace(self._before)
-            with self._path.open("a") as file:
-                file.write(json.dumps(values) + "\n")
+            with self._path.open("ab+") as file:
+                whole = file.tell() == 0 or _last_byte(file) == b"\n"
+                file.write(b"" if whole else b"\n")
+                file.write(json.dumps(values).encode() + b"\n")
         except OSError:
             return  # the recorder reports a full disk
 
@@ -49,3 +55,8 @@ class Journal:
                 if isinstance(values, dict):
                     found.append(values)
         return found
+
+
+def _last_byte(file: IO[bytes]) -> bytes:
+    file.seek(-1, os.SEEK_END)
+    return file.read(1)

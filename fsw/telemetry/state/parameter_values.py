@@ -6,6 +6,7 @@ from typing import Any
 
 from fsw.config import Config
 from fsw.telemetry.dictionary import DICTIONARY
+from fsw.telemetry.state.documents import read_document
 from fsw.telemetry.state.store import GenerationStore
 
 ESTIMATOR = {  # parameter -> key of the section `estimator`; forgetting_time_s 0 is null there
@@ -54,13 +55,8 @@ class ParameterValues:
 
 def stored_values(store: GenerationStore) -> tuple[dict[str, float], int]:
     """Return the newest valid commanded values, and the number of invalid generations."""
-    generations, damaged = store.read()
-    for generation in generations:
-        values = _parse(generation.content)
-        if values is not None:
-            return values, damaged
-        damaged += 1
-    return {}, damaged
+    values, damaged = read_document(store, _parse)
+    return values or {}, damaged
 
 
 def estimator_changes(values: Mapping[str, float]) -> dict[str, Any]:
@@ -75,20 +71,14 @@ def estimator_changes(values: Mapping[str, float]) -> dict[str, Any]:
     return changes
 
 
-def _parse(content: bytes) -> dict[str, float] | None:
-    try:
-        document = json.loads(content)
-    except ValueError:
-        return None
-    if not isinstance(document, dict):
-        return None
-    for name, value in document.items():
-        item = BY_NAME.get(name)
-        if item is None or not isinstance(value, int | float):
-            return None
+def _parse(document: Any) -> dict[str, float]:  # noqa: ANN401
+    """Return values by name. Raises KeyError, TypeError, ValueError or AttributeError."""
+    values = {str(name): float(value) for name, value in document.items()}
+    for name, value in values.items():
+        item = BY_NAME[name]
         if not item.minimum <= value <= item.maximum:
-            return None
-    return {name: float(value) for name, value in document.items()}
+            raise ValueError(f"{name} {value}: must be {item.minimum} to {item.maximum}")
+    return values
 
 
 def _configured(config: Config) -> dict[str, float]:

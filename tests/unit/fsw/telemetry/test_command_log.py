@@ -232,3 +232,12 @@ def test_a_local_command_without_an_answer_is_logged_as_failed(flight):
     flight.wait(6.0)
     entry = dumped(flight)[0]
     assert (entry["outcome"], entry["error"]) == (CommandOutcome.FAILED, Error.TIMEOUT)
+
+
+def test_a_line_that_was_cut_takes_nothing_of_the_next(tmp_path):
+    journal = Journal(tmp_path / "events.jsonl", 1 << 20)
+    journal.append({"code": "FIRST"})
+    with (tmp_path / "events.jsonl").open("ab") as file:
+        file.write(b'{"code": "CUT')
+    journal.append({"code": "SECOND"})
+    assert [line["code"] for line in journal.read()] == ["FIRST", "SECOND"]

@@ -1,13 +1,18 @@
 """Service 19: actions of events, their bounds, and the end of every loop of them."""
 
+import errno
+
 import pytest
 
 from fsw.messages import Event
+from fsw.messages.commands import CommandName
 from fsw.telemetry.dictionary import DICTIONARY
 from fsw.telemetry.dictionary.codes import Error
 from fsw.telemetry.link.packets import telecommand_packet
-from fsw.telemetry.services.event_actions import CAPACITY, MOST_RELEASES
-from tests.support.application_cases import DONE, Flight
+from fsw.telemetry.services.event_actions import CAPACITY, MOST_A_DAY, MOST_RELEASES
+from fsw.telemetry.state.epoch import Epoch
+from fsw.telemetry.state.store import GenerationStore
+from tests.support.application_cases import DONE, EPOCH, SECOND, Flight
 
 APID = {"apid": 100}
 
@@ -154,3 +159,63 @@ def test_slow_repetition_is_no_loop(flight: Flight):
         flight.up()
         flight.wait(7.0)
     assert len(flight.all("alive")) == 2 * MOST_RELEASES
+
+
+def restarted(flight: Flight, *, after_s: float = 5.0, epoch: Epoch = EPOCH) -> Flight:
+    """Start the daemon again some seconds after the start of the machine."""
+    flight.app.close()
+    return Flight(flight.config, now=round(after_s * SECOND), epoch=epoch)
+
+
+@pytest.mark.parametrize("boot_utc_s", [0, 20])
+def test_an_action_that_restarts_the_daemon_ends(flight: Flight, boot_utc_s: int):
+    # each start of the machine: another clock, whose time of day moves on, or starts where it was
+    add(flight, "MODE_CHANGED", packet("RESTART", key=0xB007))
+    restarts = 0
+    for start in range(3 * MOST_RELEASES):
+        flight.up(identifying=False)
+        happens(flight, "MODE_CHANGED")
+        flight.wait(0.5)
+        if not any(command.name == CommandName.RESTART for command in flight.commands):
+            break
+        restarts += 1
+        epoch = Epoch(clock_id=f"boot {start}", utc_less_met_ns=boot_utc_s * start * SECOND)
+        flight = restarted(flight, epoch=epoch)
+    assert 0 < restarts <= MOST_RELEASES
+    assert "EVENT_ACTION_LIMITED" in flight.codes
+    flight.app.close()
+
+
+def test_a_restart_that_cannot_be_counted_is_not_released(flight: Flight, monkeypatch):
+    add(flight, "MODE_CHANGED", packet("RESTART", key=0xB007))
+    add(flight, "STOPPED")
+    flight.up(identifying=False)
+
+    def full(_store: GenerationStore, _content: bytes) -> int:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(GenerationStore, "write", full)
+    happens(flight, "MODE_CHANGED")
+    happens(flight, "STOPPED")
+    flight.wait(1.0)
+    assert not any(command.name == CommandName.RESTART for command in flight.commands)
+    assert "EVENT_ACTION_LOST" in flight.codes
+    assert flight.all("alive"), "any other action acts"
+
+
+def test_an_action_that_repeats_all_day_is_disabled(flight: Flight):
+    add(flight, "STOPPED")
+    for _ in range(MOST_A_DAY + 5):
+        happens(flight, "STOPPED")
+        flight.up()
+        flight.wait(1.0)
+        flight.now += 60 * SECOND
+    assert flight.codes.count("EVENT_ACTION") == MOST_A_DAY
+    assert "EVENT_ACTION_LIMITED" in flight.codes
+
+
+@pytest.mark.parametrize("event", ["SEQUENCE_STARTED", "SEQUENCE_ENDED", "SEQUENCE_ABORTED"])
+def test_an_event_of_sequences_starts_no_sequence(flight: Flight, event: str):
+    request = packet("START_SEQUENCE", sequence=1)
+    values = {**APID, "event": event, "request": request}
+    assert flight.refused("ADD_EVENT_ACTION", values) is Error.BAD_ARG
