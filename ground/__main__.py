@@ -57,6 +57,11 @@ def parser() -> argparse.ArgumentParser:
     sealing.add_argument("--spacecraft-id", type=int, default=42, metavar="N", help="42")
     sealing.add_argument("--virtual-channel", type=int, default=0, metavar="N", help="0")
     sealing.add_argument(
+        "--standard-mask",
+        action="store_true",
+        help="for authenticate_spacecraft: false, the mask of CCSDS 355.0-B",
+    )
+    sealing.add_argument(
         "--tm-key", type=Path, metavar="FILE", help="the key that seals telemetry, mode 0600"
     )
     sealing.add_argument("--tm-spi", type=int, default=2, help="its security parameter index, 2")
@@ -313,6 +318,7 @@ def _sealer(arguments: argparse.Namespace) -> Sealer | None:
         spi=arguments.spi,
         spacecraft_id=arguments.spacecraft_id,
         virtual_channel=arguments.virtual_channel,
+        names_spacecraft=not arguments.standard_mask,
     )
 
 
@@ -325,6 +331,7 @@ def _stream(arguments: argparse.Namespace) -> FrameStream | None:
         spi=arguments.tm_spi,
         spacecraft_id=arguments.spacecraft_id,
         virtual_channel=arguments.virtual_channel,
+        names_spacecraft=not arguments.standard_mask,
     )
 
 

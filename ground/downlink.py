@@ -29,6 +29,7 @@ USLP = 0xC << 28
 EXPEDITED = 0x80  # bypass of sequence control; no OCF, no frame count
 WHOLE_PACKETS = 0xE0  # construction rule 7, protocol 0
 AUTHENTICATED_BITS = 0x7FE  # of the header's first word: virtual channel, MAP
+SPACECRAFT_BITS = 0x0FFFF000
 KEEP_S = 1.0  # between two writes of the highest IV number to the disk
 
 
@@ -86,6 +87,7 @@ class FrameStream:
     ----------
     key_file : file of 32 bytes, mode 0600; a replaced file is read again
     state_folder : folder that stores the highest IV number of each key
+    names_spacecraft : whether the spacecraft is authenticated; the standard's own mask omits it
     """
 
     is_authenticated = True
@@ -98,9 +100,12 @@ class FrameStream:
         spi: int,
         spacecraft_id: int,
         virtual_channel: int,
+        names_spacecraft: bool = True,
     ) -> None:
         self._key, self._folder, self._spi = KeyFile(key_file), state_folder, spi
         self._first = USLP | spacecraft_id << 12 | virtual_channel << 5
+        mask = AUTHENTICATED_BITS | SPACECRAFT_BITS * names_spacecraft
+        self._authenticated = (self._first & mask).to_bytes(4, "big")
         self._buffer = bytearray()
         self.rejected = 0
         self.skipped_bytes = 0
@@ -165,7 +170,7 @@ class FrameStream:
         spi = frame[HEADER_BYTES : HEADER_BYTES + SPI_BYTES]
         if int.from_bytes(spi, "big") != self._spi:
             return None
-        masked = (self._first & AUTHENTICATED_BITS).to_bytes(4, "big") + bytes(3) + spi + bytes(12)
+        masked = self._authenticated + bytes(3) + spi + bytes(12)
         try:
             return self._key.cipher.decrypt(iv, frame[DATA_AT:-FECF_BYTES], masked)
         except InvalidTag:

@@ -29,6 +29,7 @@ class Sealer:
     ----------
     key_file : file of 32 bytes, mode 0600; a replaced file is read again
     state_folder : folder that stores the next number of each key
+    names_spacecraft : whether the spacecraft is authenticated; the standard's own mask omits it
     """
 
     def __init__(
@@ -39,9 +40,11 @@ class Sealer:
         spi: int,
         spacecraft_id: int,
         virtual_channel: int,
+        names_spacecraft: bool = True,
     ) -> None:
         self._key, self._folder = KeyFile(key_file), state_folder
         self._spi, self._first, self._channel = spi, BYPASS | spacecraft_id, virtual_channel
+        self._named = (spacecraft_id * names_spacecraft).to_bytes(2, "big")
 
     def seal(self, packet: bytes) -> bytes:
         """Return the sealed frame of one packet, with the next number. Raises UsageError."""
@@ -54,7 +57,7 @@ class Sealer:
         iv = number.to_bytes(HALF_IV_BYTES, "big") + secrets.token_bytes(HALF_IV_BYTES)
         header = struct.pack(">HHB", self._first, self._channel << 10 | length - 1, 0)
         spi = self._spi.to_bytes(2, "big")
-        masked = bytes((0, 0, header[2] & 0xFC, 0, 0)) + spi + bytes(12)
+        masked = self._named + bytes((header[2] & 0xFC, 0, 0)) + spi + bytes(12)
         frame = header + spi + iv + self._key.cipher.encrypt(iv, packet, masked)
         return frame + crc16.ibm_3740(frame).to_bytes(2, "big")
 

@@ -27,6 +27,7 @@ class SdlsConfig(Section):
     """The authenticated link; roles command and look may have two keys, to replace an old one."""
 
     spacecraft_id: int = Field(default=42, ge=0, le=1023)
+    authenticate_spacecraft: bool = True  # false: the standard's mask, which does not
     virtual_channel: int = Field(default=0, ge=0, le=63)
     window: int = Field(default=1024, ge=64)
     keys: Annotated[tuple[SdlsKeyConfig, ...], Field(min_length=1, max_length=5)]

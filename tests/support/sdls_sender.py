@@ -1,7 +1,8 @@
 """A sender of authenticated TC frames written from CCSDS 232.0-B and 355.0-B, not from the daemon.
 
 Fields of the primary header (232.0-B 4.1.2): version 2 bits, bypass 1, control command 1, spare 2,
-spacecraft 10, virtual channel 6, length - 1 10, sequence number 8. Mask (355.0-B, TC): VCID, SPI.
+spacecraft 10, virtual channel 6, length - 1 10, sequence number 8. Mask (355.0-B, TC): VCID, SPI,
+and, unless `standard_mask`, the spacecraft.
 """
 
 import binascii
@@ -34,6 +35,7 @@ class Sender:
     control: int = 0
     spare: int = 0
     sequence: int = 0
+    standard_mask: bool = False
 
     def frame(self, packet: bytes, number: int, random: int = 0) -> bytes:
         length = 5 + 2 + 12 + len(packet) + 16 + 2
@@ -48,8 +50,9 @@ class Sender:
             (self.sequence, 8),
         )
         iv = bits((number, 48), (random, 48))
-        channel_only = bits((0, 16), (self.virtual_channel, 6), (0, 18))
+        named = 0 if self.standard_mask else self.spacecraft_id
+        masked = bits((0, 6), (named, 10), (self.virtual_channel, 6), (0, 18))
         seal = Cipher(algorithms.AES(self.key), modes.GCM(iv)).encryptor()
-        seal.authenticate_additional_data(channel_only + self.spi.to_bytes(2, "big") + bytes(12))
+        seal.authenticate_additional_data(masked + self.spi.to_bytes(2, "big") + bytes(12))
         sealed = seal.update(packet) + seal.finalize()
         return with_fecf(header + self.spi.to_bytes(2, "big") + iv + sealed + seal.tag)

@@ -5,9 +5,11 @@
 Frames are of type BD, on one virtual channel, without segment header, under AES-256-GCM. The IV is
 a sequence number of 6 bytes followed by 6 random bytes of the sender. Read as one number of 96 bits
 it rises from frame to frame; a sender that lost its numbers still never repeats an IV. The
-additional authenticated data are header and security header under the standard's mask: virtual
-channel and SPI, all other bits zero (GCM authenticates the IV as nonce). Bits outside the mask must
-have their only allowed value. The data are whole telecommand packets.
+additional authenticated data are header and security header under a mask: spacecraft, virtual
+channel and SPI, all other bits zero (GCM authenticates the IV as nonce). The standard's own mask
+leaves the spacecraft out, so that a frame for one robot could be readdressed to another that has
+the same key. Bits outside the mask must have their only allowed value. The data are whole
+telecommand packets.
 
 Not certified; no extended procedures (keys are files), no COP-1.
 """
@@ -32,7 +34,7 @@ MIN_BYTES = DATA_AT + 1 + MAC_BYTES + FECF_BYTES
 MAX_BYTES = 1024  # 232.0-B 4.1.2: ten bits of length
 KEY_BYTES = 32
 BYPASS = 1 << 13  # type BD; the other bits are zero: version, control command flag, spare
-VCID_MASK = 0xFC
+SPACECRAFT_MASK, VCID_MASK = 0x03FF, 0xFC
 PACKET_HEADER_BYTES = 6
 PATIENCE_NS = 500_000_000  # longest wait for the rest of a frame
 TC_PACKET_MASK, TC_PACKET = 0xF8, 0x18  # version 0, type telecommand, secondary header
@@ -128,6 +130,7 @@ class FrameReceiver:
     associations : the keys, each under its own SPI
     numbers : stored IVs
     window : count of acceptable sequence numbers, which begin at the lowest unused number
+    names_spacecraft : whether the spacecraft is authenticated; the standard's own mask omits it
     rescues : returns whether the packets of a frame help against a failed disk; such a frame is
         accepted also when its number cannot be stored
     """
@@ -140,11 +143,13 @@ class FrameReceiver:
         spacecraft_id: int,
         virtual_channel: int,
         window: int,
+        names_spacecraft: bool = True,
         rescues: Callable[[bytes], bool] = nothing_rescues,
     ) -> None:
         self.use(associations)
         self._numbers, self._window, self._rescues = numbers, window, rescues
         self._first, self._channel = BYPASS | spacecraft_id, virtual_channel
+        self._mask = SPACECRAFT_MASK * names_spacecraft
         self.accepted = 0
         self.rejected: Counter[FrameReject] = Counter()
 
@@ -200,7 +205,7 @@ class FrameReceiver:
         iv = frame[DATA_AT - IV_BYTES : DATA_AT]
         sealed = frame[DATA_AT:-FECF_BYTES]
         try:
-            packet = self._ciphers[spi].decrypt(iv, sealed, masked_header(frame))
+            packet = self._ciphers[spi].decrypt(iv, sealed, masked_header(frame, self._mask))
         except InvalidTag:
             return _forged(f"MAC under SPI {spi}")
         return self._claim(association, int.from_bytes(iv, "big"), packet)
@@ -290,13 +295,16 @@ class FrameSplitter:
         )
 
 
-def masked_header(frame: bytes) -> bytes:
+def masked_header(frame: bytes, first_mask: int) -> bytes:
     """Return the additional authenticated data of a frame.
 
+    `first_mask` is the mask of the header's first two bytes.
     Source: CCSDS 355.0-B-2, authentication bit mask of TC frames: VCID and SPI.
     """
+    first = int.from_bytes(frame[:2], "big") & first_mask
     spi = frame[HEADER_BYTES : HEADER_BYTES + SPI_BYTES]
-    return bytes((0, 0, frame[2] & VCID_MASK, 0, 0)) + spi + bytes(IV_BYTES)
+    header = first.to_bytes(2, "big") + bytes((frame[2] & VCID_MASK, 0, 0))
+    return header + spi + bytes(IV_BYTES)
 
 
 def _next_number(floor: int) -> int:

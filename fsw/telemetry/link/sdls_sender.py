@@ -5,7 +5,8 @@
 Frames have variable length and no insert zone, frame count or OCF. Their data field begins with
 construction rule 7 (whole packets). The cipher is AES-256-GCM. The IV is a number of 6 bytes, which
 rises from frame to frame even after a crash, and 6 random bytes. The additional authenticated data
-are header and security header under the standard's mask: virtual channel, MAP, SPI.
+are header and security header under a mask: spacecraft (left out by the standard's own mask),
+virtual channel, MAP, SPI.
 """
 
 import secrets
@@ -31,6 +32,8 @@ from fsw.telemetry.link.sdls import (
 
 HEADER_BYTES = 7
 WHOLE_PACKETS = 0xE0  # construction rule 7, protocol 0: space packets
+# of the header's first four bytes; CCSDS 355.0-B-2, mask of USLP frames: VCID, MAP ID (and SPI)
+AUTHENTICATED, SPACECRAFT = 0x7FE, 0x0FFFF000
 AHEAD = 1 << 16  # numbers stored ahead: one write per 65536 frames
 RETRY = 1 << 8  # frames after which a failed write is repeated
 EPOCH_S = 946_684_800  # 2000-01-01T00:00:00Z: origin of the numbers that follow from the time
@@ -55,6 +58,7 @@ class FrameSender:
     ----------
     numbers : stored IVs; if they cannot be stored, telemetry continues and an event reports that
     unix_s : returns the time of day [s]
+    names_spacecraft : whether the spacecraft is authenticated; the standard's own mask omits it
     """
 
     def __init__(
@@ -66,9 +70,11 @@ class FrameSender:
         virtual_channel: int,
         report: Report,
         unix_s: Callable[[], float],
+        names_spacecraft: bool = True,
     ) -> None:
         self._numbers, self._report, self._unix_s = numbers, report, unix_s
         self._spacecraft, self._channel = spacecraft_id, virtual_channel
+        self._mask = AUTHENTICATED | SPACECRAFT * names_spacecraft
         self._following: dict[str, int] = {}  # next number by key; not below the stored one
         self._has_failed = False
         self.use(association)
@@ -87,7 +93,9 @@ class FrameSender:
         header = self._header(OVERHEAD_BYTES + len(packet))
         iv = self._next_number().to_bytes(6, "big") + secrets.token_bytes(6)
         spi = self._association.spi.to_bytes(SPI_BYTES, "big")
-        sealed = self._cipher.encrypt(iv, bytes((WHOLE_PACKETS,)) + packet, _masked(header, spi))
+        first = int.from_bytes(header[:4], "big") & self._mask
+        masked = first.to_bytes(4, "big") + bytes(3) + spi + bytes(IV_BYTES)
+        sealed = self._cipher.encrypt(iv, bytes((WHOLE_PACKETS,)) + packet, masked)
         frame = header + spi + iv + sealed
         return frame + fastcrc.crc16.ibm_3740(frame).to_bytes(FECF_BYTES, "big")
 
@@ -129,11 +137,3 @@ class FrameSender:
             self._has_failed = True
         else:
             self._kept, self._has_failed = ahead, False
-
-
-def _masked(header: bytes, spi: bytes) -> bytes:
-    """Return the additional authenticated data of a frame.
-
-    Source: CCSDS 355.0-B-2, authentication bit mask of USLP frames: VCID, MAP ID and SPI.
-    """
-    return bytes((0, 0, header[2] & 0x07, header[3] & 0xFE, 0, 0, 0)) + spi + bytes(IV_BYTES)

@@ -49,6 +49,7 @@ class Security:
             spacecraft_id=sdls.spacecraft_id,
             virtual_channel=sdls.virtual_channel,
             window=sdls.window,
+            names_spacecraft=sdls.authenticate_spacecraft,
             rescues=Rescue(),
         )
         self.sender: FrameSender | None = None
@@ -60,6 +61,7 @@ class Security:
                 virtual_channel=sdls.virtual_channel,
                 report=report,
                 unix_s=unix_s,
+                names_spacecraft=sdls.authenticate_spacecraft,
             )
         self._seen = 0
         self._quiet_ns = 0

@@ -18,14 +18,13 @@ HEALTH = packet("health", mode=3)
 class Sealing(FrameSender):
     """A sender of a folder; its events are kept."""
 
-    def __init__(self, folder, key=KEY, spi=2) -> None:
+    def __init__(self, folder, key=KEY, spi=2, **options) -> None:
         self.events: list[str] = []
         folder.mkdir(exist_ok=True)
         super().__init__(
             Association(spi=spi, key=key, role=Role.TELEMETRY),
             NumberStore(folder / "numbers.json"),
-            spacecraft_id=42,
-            virtual_channel=3,
+            **{"spacecraft_id": 42, "virtual_channel": 3} | options,
             report=lambda code, _text: self.events.append(code),
             unix_s=lambda: 0.0,
         )
@@ -53,6 +52,24 @@ def opened(stream: FrameStream, data: bytes) -> list[bytes]:
     return list(stream.packets())
 
 
+def test_telemetry_of_another_robot_cannot_be_readdressed(key_file, tmp_path):
+    frame = Sealing(tmp_path / "board", spacecraft_id=43).seal(HEALTH)
+    first = int.from_bytes(frame[:4], "big") & ~0x0FFFF000 | 42 << 12
+    changed = with_fecf(first.to_bytes(4, "big") + frame[4:-2])
+    stream = reader(key_file)
+    assert opened(stream, changed) == []
+    assert stream.rejected == 1
+    theirs = reader(key_file, spacecraft_id=43)
+    assert opened(theirs, frame) == [HEALTH]
+
+
+@pytest.mark.parametrize("names", [True, False])
+def test_both_ends_agree_on_the_mask(key_file, tmp_path, names: bool):
+    frame = Sealing(tmp_path / "board", names_spacecraft=names).seal(HEALTH)
+    assert opened(reader(key_file, names_spacecraft=names), frame) == [HEALTH]
+    assert opened(reader(key_file, names_spacecraft=not names), frame) == []
+
+
 def test_packets_come_through_wherever_the_stream_is_cut(key_file, tmp_path):
     sender, stream = Sealing(tmp_path / "board"), reader(key_file)
     packets = [packet("health", mode=k) + bytes(50 * k) for k in range(20)]
@@ -62,13 +79,15 @@ def test_packets_come_through_wherever_the_stream_is_cut(key_file, tmp_path):
     assert (stream.rejected, stream.skipped_bytes) == (0, 0)
 
 
-def test_the_frame_is_the_one_of_the_standards(tmp_path):
-    frame = Sealing(tmp_path / "board").seal(HEALTH)
+@pytest.mark.parametrize(("names", "spacecraft"), [(True, 42), (False, 0)])
+def test_the_frame_is_the_one_of_the_standards(tmp_path, names: bool, spacecraft: int):
+    frame = Sealing(tmp_path / "board", names_spacecraft=names).seal(HEALTH)
     header = PrimaryHeader.unpack(frame)
     assert (header.scid, header.vcid, header.map_id) == (42, 3, 0)
     assert header.frame_len == len(frame) - 1 == len(HEALTH) + OVERHEAD_BYTES - 1
     spi, iv = frame[7:9], frame[9:21]
-    aad = bytes((0, 0, 0, 3 << 5, 0, 0, 0)) + spi + bytes(12)
+    # 4 bits version, 16 bits spacecraft, 1 bit source, 6 bits channel, 4 bits MAP, 1 bit
+    aad = (spacecraft << 12 | 3 << 5).to_bytes(4, "big") + bytes(3) + spi + bytes(12)
     cipher = Cipher(algorithms.AES(KEY), modes.GCM(iv, frame[-18:-2])).decryptor()
     cipher.authenticate_additional_data(aad)
     assert cipher.update(frame[21:-18]) + cipher.finalize() == b"\xe0" + HEALTH

@@ -113,6 +113,7 @@ def test_every_tampered_bit_is_rejected_with_and_without_its_checksum(tmp_path, 
         {"key": NEW_KEY},
         {"spi": 8},
         {"spacecraft_id": 43},
+        {"standard_mask": True},
         {"virtual_channel": 2},
         {"version": 1},
         {"bypass": 0},
@@ -126,6 +127,32 @@ def test_a_sender_that_differs_in_one_thing_is_not_authentic(uplink, sender, cha
     frame = replace(sender, **change).frame(PING, 0)
     assert reason(uplink.receive(frame)) is FrameReject.NOT_AUTHENTICATED
     assert uplink.next_number(7) == 0
+
+
+def readdressed(frame: bytes, spacecraft_id: int) -> bytes:
+    """Return a frame with another spacecraft id, as somebody without the key can make it."""
+    first = int.from_bytes(frame[:2], "big") & ~0x3FF | spacecraft_id
+    return with_fecf(first.to_bytes(2, "big") + frame[2:-2])
+
+
+def test_a_frame_for_another_robot_cannot_be_readdressed(uplink):
+    frame = Sender(key=KEY, spacecraft_id=43).frame(PING, 0)
+    outcome = uplink.receive(readdressed(frame, 42))
+    assert reason(outcome) is FrameReject.NOT_AUTHENTICATED
+
+
+def test_the_standards_mask_can_be_chosen(tmp_path):
+    uplink = FrameReceiver(
+        [Association(spi=7, key=KEY)],
+        NumberStore(tmp_path / "numbers.json"),
+        spacecraft_id=42,
+        virtual_channel=3,
+        window=WINDOW,
+        names_spacecraft=False,
+    )
+    frame = Sender(key=KEY, standard_mask=True).frame(PING, 0)
+    assert reason(uplink.receive(frame)) is None
+    assert reason(uplink.receive(Sender(key=KEY).frame(PING, 1))) is not None
 
 
 @pytest.mark.parametrize("length", [0, 4, 5, 37, 1025])
