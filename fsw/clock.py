@@ -62,6 +62,15 @@ class MonotonicClock:
         return not readable
 
 
+def suspended_s() -> int:
+    """Return how long the machine has been suspended since it started [s].
+
+    CLOCK_MONOTONIC stands still meanwhile, CLOCK_BOOTTIME does not.
+    """
+    monotonic_ns = time.monotonic_ns()
+    return max(0, time.clock_gettime_ns(time.CLOCK_BOOTTIME) - monotonic_ns) // 10**9
+
+
 def monotonic_less_realtime_ns() -> int:
     """Return CLOCK_MONOTONIC minus CLOCK_REALTIME [ns], for stamps made just now."""
     return _read_together()[0]

@@ -62,7 +62,7 @@ class CommandHistory:
             for line in path.read_text(errors="replace").splitlines():
                 try:
                     values = json.loads(line)
-                except ValueError:
+                except (ValueError, RecursionError):
                     continue
                 if isinstance(values, dict):
                     found.append(values)

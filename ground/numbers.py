@@ -36,7 +36,7 @@ class NumberFile:
             return self._change(step)
         except OSError as error:
             raise UsageError(f"{self._path}: {error.strerror}") from error
-        except (ValueError, KeyError, TypeError) as error:
+        except (ValueError, LookupError, TypeError, ArithmeticError, RecursionError) as error:
             raise UsageError(f"{self._path}: damaged; remove it, no IV is used twice") from error
 
     def _change(self, step: Callable[[int], int]) -> int:

@@ -174,8 +174,17 @@ def _unknown(packet: bytes, error: Exception) -> Sample:
 def _plain(value: Any) -> Value:  # noqa: ANN401
     """Return a value of the parser's types as a plain str, float or int."""
     if isinstance(value, str):
-        return str(value)
+        return shown(value)
     return float(value) if isinstance(value, float) else int(value)
+
+
+def shown(text: str) -> str:
+    """Return text that a terminal can show: other characters as escapes (backslash, x1b)."""
+    return text if text.isprintable() else "".join(map(_shown, text))
+
+
+def _shown(character: str) -> str:
+    return character if character.isprintable() else ascii(character)[1:-1]
 
 
 def _time_s(parsed: SpacePacket) -> float:

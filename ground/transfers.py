@@ -83,7 +83,7 @@ class Records:
         for path in sorted(self._folder.glob("*.json")):
             try:
                 found.append(TransferRecord(**json.loads(path.read_text())))
-            except (OSError, ValueError, TypeError):
+            except (OSError, ValueError, TypeError, RecursionError):
                 continue
         return found
 

@@ -7,6 +7,7 @@ Results depend on the stamps alone, not on the length of a batch.
 import json
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -47,7 +48,7 @@ from fsw.exchange.sinks import (
 from fsw.loop.estimation.estimation import Estimation
 from fsw.messages import Event
 from fsw.messages.commands import Command, CommandName
-from fsw.messages.errors import ConfigError
+from fsw.messages.errors import WRONG_CONTENT, ConfigError, brief
 from fsw.service.recorder import CHECKPOINT
 
 BATCH_NS = 400_000_000
@@ -316,16 +317,26 @@ def _plan(
     """
     end_ns = None
     for record in commands:
-        values = json.loads(record.data)
-        if values.get("command") == "restart" and checkpoint is not None:
-            found = Restart(checkpoint=decode(checkpoint), mode=Mode(values["mode"]), age_s=None)
-            estimation.restart(found)
-        elif values.get("command") == "end":
-            estimation.window_limit = int(values["next_window"])
-            end_ns = record.t_ns
-        elif values.get("command") in REPLAYED:
-            name = CommandName(values["command"])
-            command = Command(name=name, id=int(values["id"]), args=values["args"])
-            windows = int(values["next_window"]), int(values.get("clean_window", 0))
-            estimation.dispatcher.plan(windows[0], command, windows[1])
+        try:
+            if _plan_one(estimation, json.loads(record.data), checkpoint):
+                end_ns = record.t_ns
+        except WRONG_CONTENT as error:
+            words = f"/tc at {record.t_ns} ns is no command of this software: {brief(error)}"
+            raise ConfigError(f"{words}; the recording is damaged") from error
     return end_ns
+
+
+def _plan_one(estimation: Estimation, values: dict[str, Any], checkpoint: bytes | None) -> bool:
+    """Schedule one recorded command; return whether it is the end of the run."""
+    if values.get("command") == "restart" and checkpoint is not None:
+        found = Restart(checkpoint=decode(checkpoint), mode=Mode(values["mode"]), age_s=None)
+        estimation.restart(found)
+    elif values.get("command") == "end":
+        estimation.window_limit = int(values["next_window"])
+        return True
+    elif values.get("command") in REPLAYED:
+        name = CommandName(values["command"])
+        command = Command(name=name, id=int(values["id"]), args=dict(values["args"]))
+        windows = int(values["next_window"]), int(values.get("clean_window", 0))
+        estimation.dispatcher.plan(windows[0], command, windows[1])
+    return False

@@ -15,7 +15,7 @@ import msgpack
 import numpy as np
 
 from fsw.messages import Block, Snapshot
-from fsw.messages.errors import FswError
+from fsw.messages.errors import WRONG_CONTENT, FswError
 
 MAGIC = b"FSWCKPT\n"
 FORMAT_VERSION = 6  # rises with every change of the content of states
@@ -111,7 +111,7 @@ def decode(data: bytes, identity: Identity | None = None) -> Checkpoint:
             blocks=tuple(Block(**values) for values in blocks),
         )
         boot_id = str(body["boot_id"])
-    except (ValueError, TypeError, KeyError, msgpack.exceptions.UnpackException) as error:
+    except (*WRONG_CONTENT, msgpack.exceptions.UnpackException) as error:
         raise CheckpointError(f"damaged: its body cannot be read: {error}") from error
     return Checkpoint(identity=found, sequence=sequence, boot_id=boot_id, snapshot=snapshot)
 

@@ -4,6 +4,7 @@ import zlib
 from pathlib import Path
 
 from file_delivery.durable import replace_file
+from fsw.clock import suspended_s
 from fsw.config import Config
 from fsw.config.overlay import noise_of
 from fsw.exchange.checkpoint import (
@@ -31,11 +32,17 @@ def identity_of(config: Config) -> Identity:
 
 
 def boot_id() -> str:
-    """Return the kernel's boot identifier; empty if the system does not provide it."""
+    """Return the identifier of the monotonic clock; empty if the system does not provide it.
+
+    It is the kernel's boot identifier. After the machine was suspended, the time suspended is added
+    to it: the clock stood still, so a time from before tells no age.
+    """
     try:
-        return BOOT_ID.read_text(encoding="ascii").strip()
+        boot = BOOT_ID.read_text(encoding="ascii").strip()
     except OSError:
         return ""
+    asleep_s = suspended_s()
+    return f"{boot} +{asleep_s}" if asleep_s else boot
 
 
 class CheckpointStore:
@@ -43,7 +50,6 @@ class CheckpointStore:
 
     def __init__(self, directory: Path, identity: Identity) -> None:
         self._directory, self._identity = directory, identity
-        self._boot_id = boot_id()
         self._sequences: dict[str, int] | None = None
 
     def write(self, snapshot: Snapshot) -> int:
@@ -58,7 +64,7 @@ class CheckpointStore:
             Checkpoint(
                 identity=self._identity,
                 sequence=sequence,
-                boot_id=self._boot_id,
+                boot_id=boot_id(),
                 snapshot=snapshot,
             )
         )

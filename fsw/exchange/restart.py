@@ -8,7 +8,7 @@ from typing import Any, Protocol, runtime_checkable
 from fsw.exchange.checkpoint import Checkpoint
 from fsw.exchange.sinks import AppliedCommand, Sink, StateRestored
 from fsw.messages import Block, Estimate, Event, Snapshot
-from fsw.messages.errors import EstimatorError
+from fsw.messages.errors import WRONG_CONTENT, EstimatorError
 from fsw.scheduler.align import Aligner
 
 BODY_STATES = 10  # states of each body; they come before all others
@@ -72,7 +72,7 @@ class Restart:
         """Return the text of the event."""
         number = self.checkpoint.sequence
         if self.age_s is None:
-            return f"checkpoint {number} of another boot; the bodies' part of it"
+            return f"checkpoint {number} of another boot or from before a suspend; the bodies' part of it"
         part = "all of it" if self.mode is Mode.EXACT else "the bodies' part of it"
         return f"checkpoint {number}, {self.age_s:.1f} s old; {part}"
 
@@ -97,7 +97,7 @@ def put_back(estimator: object, snapshot: Snapshot) -> Estimate:
         raise EstimatorError("this estimator takes no state")
     try:
         estimator.restore(snapshot.state, {block.index: block for block in snapshot.blocks})
-    except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError) as error:
+    except WRONG_CONTENT as error:
         raise EstimatorError(f"the state is not one of this software: {error!r}") from error
     return estimator.estimate(snapshot.t_ns)
 

@@ -52,6 +52,15 @@ class EstimatorError(FswError):
     """An estimate cannot be given: not observable, or diverged."""
 
 
+# errors of a parser on JSON or MessagePack of another form than its own
+WRONG_CONTENT = (
+    LookupError,
+    TypeError,
+    ValueError,
+    AttributeError,
+    ArithmeticError,
+    RecursionError,
+)
 # errors that arithmetic on received numbers may raise; LinAlgError is a ValueError
 NUMERICAL = (EstimatorError, ValueError, ArithmeticError)
 

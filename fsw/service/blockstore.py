@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.messages import OF_SPEEDS, OF_THRUSTERS, OF_WHEELS, Block
-from fsw.messages.errors import FswError
+from fsw.messages.errors import WRONG_CONTENT, FswError
 
 CAPACITY = 8192  # blocks; 55 min at 0.4 s
 HEADER_BYTES = 4096
@@ -154,7 +154,7 @@ def _open(path: Path, mode: Literal["r", "r+"]) -> NDArray[np.void]:
         if tuple(n for n in dtype.names or () if not n.endswith(_SHAPE)) not in _LAYOUTS:
             raise BlockStoreError(f"{path}: fields {dtype.names}")
         rows = np.memmap(path, dtype=dtype, mode=mode, offset=HEADER_BYTES)
-    except (OSError, ValueError, TypeError) as error:
+    except (OSError, MemoryError, *WRONG_CONTENT) as error:
         raise BlockStoreError(f"{path}: {error}") from error
     if not len(rows):
         raise BlockStoreError(f"{path}: no row")

@@ -1,11 +1,11 @@
 """Collect the data of a report in one replay."""
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -24,9 +24,11 @@ from fsw.exchange.recording import messages_of
 from fsw.exchange.recording_parts import contents_of, parts_of
 from fsw.exchange.sinks import Message, NullSink
 from fsw.messages import Block, Estimate, Event, FloatArray
+from fsw.messages.errors import WRONG_CONTENT, ConfigError, brief
 
 PACKAGES = ("inertia-daemon", "numpy", "scipy", "pin", "mcap", "pydantic")
 STATUS, EVENTS = "/tm", "/events"
+T = TypeVar("T")
 Progress = Callable[[str], None]
 State = tuple[Problem, FloatArray, FloatArray]
 
@@ -117,19 +119,28 @@ def collected_at(
     """
     parts = parts_of(recording)
     held = contents_of(parts)
-    flown = messages_of(parts, [STATUS]) if STATUS in held.topics else ()
     found = collected_of(config, result, blocks, state)
     events = found.events
     if EVENTS in held.topics and span == WHOLE:
-        events = [Event(**json.loads(one.data)) for one in messages_of(parts, [EVENTS])]
+        events = list(_parsed(parts, EVENTS, lambda values: Event(**values)))
     return replace(
         found,
         name=recording.name,
         span=span,
         events=events,
-        flown=[json.loads(message.data) for message in flown],
+        flown=list(_parsed(parts, STATUS, dict)) if STATUS in held.topics else [],
         metadata=held.metadata,
     )
+
+
+def _parsed(parts: Sequence[Path], topic: str, parse: Callable[[dict[str, Any]], T]) -> Iterator[T]:
+    """Yield the messages of a topic. Raises ConfigError if one is not what the recorder writes."""
+    for message in messages_of(parts, [topic]):
+        try:
+            yield parse(json.loads(message.data))
+        except WRONG_CONTENT as error:
+            words = f"{topic} at {message.t_ns} ns is not of this software: {brief(error)}"
+            raise ConfigError(f"{words}; the recording is damaged") from error
 
 
 def collected_of(

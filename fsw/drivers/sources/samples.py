@@ -24,6 +24,7 @@ from fsw.messages import (
     JointSamples,
     WheelSamples,
 )
+from fsw.messages.errors import WRONG_CONTENT
 from fsw.messages.findings import Finding
 
 POSITION, TORQUE = "position_rad", "torque_nm"  # keys of values of joints, by name
@@ -71,7 +72,7 @@ class SampleSource:
             try:
                 rows.append(self._row(json.loads(chunk.data)))
                 stamps.append(chunk.t_ns)
-            except (ValueError, TypeError, KeyError, AttributeError, OverflowError):
+            except WRONG_CONTENT:
                 self._counts.reject(Reject.LENGTH, len(chunk.data))
         samples = self._build(np.array(stamps, np.int64), np.array(rows, np.float64))
         refused = len(rows) * self._per_row - len(samples)

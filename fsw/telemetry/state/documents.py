@@ -4,13 +4,12 @@ import json
 from collections.abc import Callable
 from typing import Any, TypeVar
 
+from fsw.messages.errors import WRONG_CONTENT
 from fsw.telemetry.dictionary.codes import Error
 from fsw.telemetry.link.telecommands import TcError
 from fsw.telemetry.state.store import GenerationStore
 
 T = TypeVar("T")
-# errors of a parser on JSON of another form than its own
-INVALID = (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError)
 
 
 def read_document(store: GenerationStore, parse: Callable[[Any], T]) -> tuple[T | None, int]:
@@ -18,13 +17,13 @@ def read_document(store: GenerationStore, parse: Callable[[Any], T]) -> tuple[T 
 
     Parameters
     ----------
-    parse : converts the decoded JSON; raises one of INVALID if it is invalid
+    parse : converts the decoded JSON; raises one of WRONG_CONTENT if it is invalid
     """
     generations, damaged = store.read()
     for generation in generations:
         try:
             return parse(json.loads(generation.content)), damaged
-        except INVALID:
+        except WRONG_CONTENT:
             damaged += 1
     return None, damaged
 

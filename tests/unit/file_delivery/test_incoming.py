@@ -60,7 +60,10 @@ def test_a_wrong_checksum_leaves_the_old_file(entity, folder, kind):
 
 @pytest.mark.parametrize(
     "name",
-    ["", "/etc/passwd", "../up.bin", "a/../../up.bin", ".hidden", "a/.b", "link/up.bin", "x\0y"],
+    [
+        *("", "/etc/passwd", "../up.bin", "a/../../up.bin", ".hidden", "a/.b", "link/up.bin"),
+        *("x\0y", "gr\u00fcn", "\x1b[2Jgone", "a\u202egpj.exe", "new\nline", "n" * 120),
+    ],
 )
 def test_no_name_leads_out_of_the_directory(folder, tmp_path, name):
     (tmp_path / "elsewhere").mkdir()
@@ -77,6 +80,8 @@ def test_no_name_leads_out_of_the_directory(folder, tmp_path, name):
         ("missing/up.bin", "no such folder"),
         ("sub", "a folder itself"),
         ("loop/up.bin", "loop"),
+        ("gr\u00fcn\x1b[2J\u202e", r"ASCII characters, not 'gr\xfcn\x1b[2J\u202e'"),
+        ("n" * 120, "at most 89"),
     ],
 )
 def test_a_refused_name_is_reported_at_once_with_its_reason(entity, folder, tmp_path, name, why):

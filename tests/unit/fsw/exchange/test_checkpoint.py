@@ -1,6 +1,7 @@
 """Checkpoints: what is written comes back, and what is not whole or not ours is refused."""
 
 import struct
+import time
 import zlib
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +19,8 @@ from fsw.exchange.checkpoint import (
     encode,
     sequence_of,
 )
-from fsw.exchange.checkpoint_store import CheckpointStore, identity_of
+from fsw.exchange.checkpoint_store import CheckpointStore, boot_id, identity_of
+from fsw.exchange.restart import Mode, judge
 from fsw.messages import Snapshot
 from fsw.service.checkpoint_keeper import CheckpointKeeper
 from tests.conftest import ArmProject
@@ -280,3 +282,39 @@ def test_a_checkpoint_made_under_other_noise_is_foreign(arm: ArmProject, tmp_pat
         good, refused = CheckpointStore(tmp_path, identity_of(taken)).read()
         assert [c.snapshot.t_ns for c in good] == [t_ns]
         assert "another configuration" in refused[0]
+
+
+def test_a_checkpoint_from_before_a_suspend_tells_no_age(tmp_path: Path, monkeypatch) -> None:
+    store = CheckpointStore(tmp_path, OURS)
+    store.write(snapshot())
+    (kept,), _ = store.read()
+    seconds = 5_000_000_000
+    found = judge(kept, boot_id(), snapshot().t_ns + seconds, hold_s=60.0)
+    assert (found.mode, found.age_s) == (Mode.EXACT, 5.0)
+    # the machine sleeps for an hour: CLOCK_MONOTONIC stands still, CLOCK_BOOTTIME does not
+    now_ns = time.clock_gettime_ns(time.CLOCK_BOOTTIME) + 3600 * 10**9
+    monkeypatch.setattr(time, "clock_gettime_ns", lambda _clock: now_ns)
+    found = judge(kept, boot_id(), snapshot().t_ns + seconds, hold_s=60.0)
+    assert (found.mode, found.age_s) == (Mode.BODIES, None)
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        b"",
+        b"\x90" * 5,
+        b"\x91" * 100_000,
+        msgpack.packb({}),
+        msgpack.packb({"blocks": [{"index": 1}], "state": {}, "t_ns": 1, "grid_ns": 1}),
+        msgpack.packb({"blocks": [[]], "t_ns": 2**63, "grid_ns": -1, "state": [], "changes": 1}),
+    ],
+)
+def test_a_right_crc_around_wrong_content_is_refused(body: bytes) -> None:
+    head = struct.Struct("<8sHIIQQ").pack(b"FSWCKPT\n", version(), 0x1234, 0x5678, 7, len(body))
+    whole = head + body + struct.pack("<I", zlib.crc32(head + body))
+    with pytest.raises(CheckpointError, match="damaged"):
+        decode(whole, OURS)
+
+
+def version() -> int:
+    return int(struct.unpack_from("<H", made(), 8)[0])
