@@ -72,7 +72,8 @@ class Restart:
         """Return the text of the event."""
         number = self.checkpoint.sequence
         if self.age_s is None:
-            return f"checkpoint {number} of another boot or from before a suspend; the bodies' part of it"
+            other = "of another boot or from before a suspend"
+            return f"checkpoint {number} {other}; the bodies' part of it"
         part = "all of it" if self.mode is Mode.EXACT else "the bodies' part of it"
         return f"checkpoint {number}, {self.age_s:.1f} s old; {part}"
 
