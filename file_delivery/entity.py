@@ -6,13 +6,12 @@ confined to the file directory, a check of every file's checksum, final names on
 files, and cancelling, suspending and resuming of transfers.
 """
 
-import shutil
 from collections import Counter, OrderedDict, deque
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 from spacepackets.cfdp import ConditionCode
-from spacepackets.cfdp.pdu import MetadataPdu
+from spacepackets.cfdp.pdu import FileDataPdu, MetadataPdu
 from spacepackets.cfdp.pdu.helper import GenericPduPacket, PduHolder
 
 from file_delivery.errors import DeliveryError
@@ -20,6 +19,7 @@ from file_delivery.incoming import PARTIAL, Incoming
 from file_delivery.library import DAEMON, GROUND, Pair
 from file_delivery.numbers import beginning
 from file_delivery.outgoing import Outgoing
+from file_delivery.room import check_room
 from file_delivery.transfer import Key, Transfer, TransferOutcome
 from file_delivery.units import (
     UnitError,
@@ -64,6 +64,8 @@ class FileEntity:
     directory : received files are stored below it
     number : returns the number of a new transaction, never used before
     ends : entity identifiers; by default, this end is the daemon
+    max_file_bytes : size of the largest file that is received [B]
+    reserve_bytes : free space of the disk that received files leave alone [B]
     accepts : returns whether a file of this name is for this end; other files are ignored
     """
 
@@ -73,11 +75,13 @@ class FileEntity:
         number: Callable[[], int] = beginning,
         *,
         max_file_bytes: int = MAX_FILE_BYTES,
+        reserve_bytes: int = 0,
         ends: Pair = DAEMONS,
         accepts: Accepts = accept_every_name,
     ) -> None:
         self._directory, self._number, self._ends = directory, number, ends
-        self._max_file_bytes, self._accepts = max_file_bytes, accepts
+        self._max_file_bytes, self._reserve_bytes = max_file_bytes, reserve_bytes
+        self._accepts = accepts
         self._incoming: dict[Key, Incoming] = {}
         self._outgoing: dict[Key, Outgoing] = {}
         self._waiting: deque[Outgoing] = deque()
@@ -223,6 +227,8 @@ class FileEntity:
             return
         if isinstance(unit, MetadataPdu) and not file.closed:
             self._check_size(file, unit.file_size or 0)
+        elif isinstance(unit, FileDataPdu) and not file.closed:
+            self._check_room(file, len(unit.file_data))
         if not file.closed:
             file.take(unit, now_ns)
 
@@ -235,12 +241,19 @@ class FileEntity:
                 file.abandon("")
 
     def _check_size(self, file: Incoming, size: int) -> None:
-        free = shutil.disk_usage(self._directory).free
         if size > self._max_file_bytes:
             text = f"{size} bytes; at most {self._max_file_bytes}"
             file.refuse(ConditionCode.FILE_SIZE_ERROR, text)
-        elif size > free:
-            file.refuse(ConditionCode.FILESTORE_REJECTION, f"{size} bytes; {free} are free")
+            return
+        self._check_room(file, size, new_file=True)
+
+    def _check_room(self, file: Incoming, size: int, *, new_file: bool = False) -> None:
+        """Refuse a file if `size` bytes more of it do not leave the reserve of the disk."""
+        try:
+            check_room(self._directory, self._reserve_bytes, size, new_file=new_file)
+        except OSError as error:
+            text = f"{size} bytes: {error.strerror or error}"
+            file.refuse(ConditionCode.FILESTORE_REJECTION, text)
 
     def _admit(self, file: Incoming, now_ns: int) -> None:
         """Give a new file a place, if needed that of an ended or silent file, or refuse it."""

@@ -165,7 +165,8 @@ def _checked(config: Config) -> Config:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from fsw.checks.configuration import missing_devices, validate_outputs, validate_ports
+    from fsw.checks.configuration import missing_devices, validate_ports
+    from fsw.checks.outputs import validate_outputs
 
     config = _checked(_config(arguments))
     validate_ports(config)

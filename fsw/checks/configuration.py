@@ -26,8 +26,6 @@ LARGE_WALK_RAD = 5e-3  # drift of an integrated angle in a minute above which si
 FULL_LOAD = 1.0
 HIGH_LOAD = 0.7
 MAX_GROUP_DELAY_S = 0.1  # a longer delay is probably in milliseconds
-MAX_SOCKET_PATH_BYTES = 107  # sun_path of Linux without its final zero
-SOCKET_NAME_BYTES = 20  # room for a slash and the name of the control socket
 TORQUE_STEP_NM = {"classic": 1e-2, "fd": 1e-4}  # resolution in TPDO1
 POSITION_STEP_RAD = tau * 2.0**-24
 LINKS = Path("/sys/class/net")
@@ -62,32 +60,6 @@ def validate(config: Config) -> tuple[Problem, list[str]]:
     if faults or problem is None:
         raise ConfigError("\n".join(f"{config.name}: {fault}" for fault in faults))
     return problem, [*_warnings(config), *inertia_warnings(config, problem.model)]
-
-
-def validate_outputs(config: Config) -> None:
-    """Check that recordings and state can be written in the configured folders.
-
-    Raises
-    ------
-    ConfigError with one line per fault.
-    """
-    folders = {"service.state_directory": config.resolve(config.service.state_directory)}
-    if config.recorder.directory is not None:
-        folders["recorder.directory"] = config.resolve(config.recorder.directory)
-    faults = [
-        f"{key}: {folder} cannot be written: {why}"
-        for key, folder in folders.items()
-        if (why := _not_writable(folder))
-    ]
-    state = folders["service.state_directory"]
-    used, bound = len(os.fsencode(state)), MAX_SOCKET_PATH_BYTES - SOCKET_NAME_BYTES
-    if used > bound:
-        faults.append(
-            f"service.state_directory: {state} has {used} bytes; the control socket in it allows "
-            f"at most {bound}"
-        )
-    if faults:
-        raise ConfigError("\n".join(f"{config.name}: {fault}" for fault in faults))
 
 
 def _noise_warnings(config: Config) -> Iterator[str]:
@@ -326,15 +298,3 @@ def _mounting_warnings(config: Config) -> list[str]:
         f"imu.mounting.p_BS_m: {list(place)} is {hypot(*place):.0f} m from the base's origin; "
         f"above {LONG_LEVER_M:g} m is rather in millimetres"
     ]
-
-
-def _not_writable(folder: Path) -> str:
-    """Return the reason why a folder, existing or not yet, cannot be written; empty: it can."""
-    nearest = folder
-    while not nearest.exists() and nearest != nearest.parent:
-        nearest = nearest.parent
-    if not nearest.is_dir():
-        return f"{nearest} is not a directory"
-    if not os.access(nearest, os.W_OK | os.X_OK):
-        return f"{nearest} does not permit it"
-    return ""

@@ -5,7 +5,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from fsw.checks.configuration import missing_devices, validate, validate_outputs
+from fsw.checks.configuration import missing_devices, validate
+from fsw.checks.outputs import validate_outputs
 from fsw.commands.describe import describe
 from fsw.commands.progress import Progress
 from fsw.config import Config

@@ -45,7 +45,7 @@ CorrelationTime = Annotated[float, Field(ge=1e-3, le=10.0, allow_inf_nan=False)]
 RateSigma = Annotated[float, Field(ge=0, le=1.0, allow_inf_nan=False)]
 AccelerationSigma = Annotated[float, Field(ge=0, le=100.0, allow_inf_nan=False)]
 Delay = Annotated[float, Field(ge=0, le=10.0, allow_inf_nan=False)]
-Rate = Annotated[float, Field(gt=0, le=1e5, allow_inf_nan=False)]
+Rate = Annotated[float, Field(gt=0, le=1e4, allow_inf_nan=False)]
 Interval = Annotated[float, Field(ge=0, le=1e7, allow_inf_nan=False)]  # s
 Duration = Annotated[float, Field(gt=0, le=1e7, allow_inf_nan=False)]  # s
 LongDuration = Annotated[float, Field(gt=0, le=1e30, allow_inf_nan=False)]  # s; may be endless

@@ -33,9 +33,9 @@ class UdpConfig(Section):
 class PacketStoresConfig(Section):
     """Sizes of the packet stores; a full store discards its oldest packets."""
 
-    events_bytes: int = Field(default=4 << 20, ge=1 << 20, le=1 << 36)
-    housekeeping_bytes: int = Field(default=64 << 20, ge=1 << 20, le=1 << 36)
-    science_bytes: int = Field(default=64 << 20, ge=1 << 20, le=1 << 36)
+    events_bytes: int = Field(default=4 << 20, ge=1 << 20, le=1 << 30)
+    housekeeping_bytes: int = Field(default=64 << 20, ge=1 << 20, le=1 << 30)
+    science_bytes: int = Field(default=64 << 20, ge=1 << 20, le=1 << 30)
 
 
 class TelemetryConfig(Section):
@@ -46,7 +46,7 @@ class TelemetryConfig(Section):
     look_port: int | None = Field(default=None, ge=0, le=65535)  # telemetry, but no telecommands
     idle_timeout_s: Positive = Field(default=60.0, ge=1.0, le=86400.0)  # client that reads nothing
     max_clients: int = Field(default=4, ge=1, le=16)
-    queue_bytes: int = Field(default=1 << 20, ge=65536, le=100_000_000)  # per client; rest dropped
+    queue_bytes: int = Field(default=1 << 20, ge=65536, le=1 << 24)  # per client; rest dropped
     udp: UdpConfig | None = None
     tc_security: Literal["none", "sdls"] = "none"
     sdls: SdlsConfig | None = None

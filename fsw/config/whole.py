@@ -13,7 +13,12 @@ from fsw.config.health import HealthConfig
 from fsw.config.modes import ModeConfig, modes_go_with
 from fsw.config.processing import EstimatorConfig, OrbitConfig, SchedulerConfig
 from fsw.config.robot import METHODS_HELD, BaseConfig, BodyConfig, RobotConfig
-from fsw.config.services import ExcitationConfig, RecorderConfig, ServiceConfig
+from fsw.config.services import (
+    ExcitationConfig,
+    RecorderConfig,
+    ServiceConfig,
+    reserve_holds_chunks,
+)
 from fsw.config.telemetry import TelemetryConfig
 from fsw.config.text import CONFIGURATION, RECORDING, TextError, explain, kind_of, read_yaml
 from fsw.config.thrusters import ThrusterConfig, thrusters_go_with
@@ -160,6 +165,7 @@ class Config(Section):
                 _redundancy_works(i, bus)
         _one_device_each({key: port for key, port in ports.items() if port is not None})
         _unique(list(self.unknown), "unknown")
+        reserve_holds_chunks(self.recorder, self.service)
         if self.orbit is not None and self.star_tracker is None:
             raise ValueError(
                 "orbit: needs a star_tracker; the gravity gradient turns with attitude"

@@ -20,6 +20,12 @@ class BatchWriter(Writer):
     compares the file with one that the library writes alone, byte by byte.
     """
 
+    @property
+    def open_messages(self) -> int:
+        """Number of messages in the open chunk."""
+        held: Any = self
+        return int(held._Writer__chunk_builder.num_messages)  # noqa: SLF001
+
     def add_messages(
         self,
         channel_id: int,

@@ -18,6 +18,11 @@ PART, IDENTITY = "part", "recording"  # a metadata record, and its key that name
 LAST_NUMBER = ".last_recording"
 
 
+def is_recording(name: str) -> bool:
+    """Return whether a file's name is one that the recorder gives."""
+    return _NAME.fullmatch(name) is not None
+
+
 def new_first(directory: Path) -> Path:
     """Return the first file of a new recording; its number was never used in this directory.
 

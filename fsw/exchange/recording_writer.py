@@ -76,6 +76,11 @@ class RecordingWriter:
         """Bytes written so far; the open chunk not counted."""
         return self._file.tell()
 
+    @property
+    def open_messages(self) -> int:
+        """Number of messages in the open chunk, which is not in the file yet."""
+        return self._writer.open_messages
+
     def attach(self, name: str, media_type: str, data: bytes, t_ns: int = 0) -> None:
         """Add an attachment."""
         self._writer.add_attachment(t_ns, t_ns, name, media_type, data)

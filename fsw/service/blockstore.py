@@ -16,6 +16,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from file_delivery.room import check_room
 from fsw.messages import OF_SPEEDS, OF_THRUSTERS, OF_WHEELS, Block
 from fsw.messages.errors import WRONG_CONTENT, FswError
 
@@ -80,15 +81,18 @@ def _unpack(row: np.void) -> Block:
 class BlockWriter:
     """Writes blocks into the store; the first block creates the file.
 
-    `keep` continues the file of a writer that has ended without closing.
+    `keep` continues the file of a writer that has ended without closing. The file has its full size
+    at once and leaves `reserve_bytes` of the disk free.
 
     Raises
     ------
     BlockStoreError when the file is not a block store.
     """
 
-    def __init__(self, path: Path, capacity: int = CAPACITY, *, keep: bool = False) -> None:
-        self.path = path
+    def __init__(
+        self, path: Path, capacity: int = CAPACITY, *, keep: bool = False, reserve_bytes: int = 0
+    ) -> None:
+        self.path, self._reserve_bytes = path, reserve_bytes
         self.count = 0
         self._capacity = capacity
         self._rows: NDArray[np.void] | None = None
@@ -111,13 +115,18 @@ class BlockWriter:
     def _create(self, block: Block) -> NDArray[np.void]:
         layout = row_fields(block)
         dtype = _dtype(layout)
+        size = HEADER_BYTES + dtype.itemsize * self._capacity
+        check_room(self.path.parent, self._reserve_bytes, size, new_file=True)
         new = self.path.with_suffix(".new")  # complete before a reader finds it
-        with new.open("wb") as file:
-            file.write(json.dumps(layout).encode().ljust(HEADER_BYTES))
-            file.flush()
-            size = HEADER_BYTES + dtype.itemsize * self._capacity
-            os.posix_fallocate(file.fileno(), 0, size)  # a full disk shows here, not as SIGBUS
-        new.replace(self.path)
+        try:
+            with new.open("wb") as file:
+                file.write(json.dumps(layout).encode().ljust(HEADER_BYTES))
+                file.flush()
+                os.posix_fallocate(file.fileno(), 0, size)  # a full disk shows here, not as SIGBUS
+            new.replace(self.path)
+        except OSError:
+            new.unlink(missing_ok=True)
+            raise
         return _open(self.path, "r+")
 
 

@@ -14,6 +14,7 @@ import signal
 import sys
 from collections import Counter
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -85,13 +86,16 @@ class Service:
         self._directory.mkdir(parents=True, exist_ok=True)
         self._status: Record = {}
         self._event_counts = Counter(self._counted_before() if resume else {})
-        self._events = Journal(self._directory / EVENTS_NAME, LOG_LIMIT_BYTES)
+        reserve_bytes = config.service.disk_reserve_bytes
+        self._events = Journal(self._directory / EVENTS_NAME, LOG_LIMIT_BYTES, reserve_bytes // 2)
         self._switch = RecorderSwitch(config, self._report)
         self._telemetry: TelemetryApplication | None = None
         blocks = self._directory / BLOCKS_NAME
         self._keeper = CheckpointKeeper(config, self._directory, self._report)
         self._blocks_failed = False
-        self._blocks = self._resumed(blocks) if resume else BlockWriter(blocks)
+        self._blocks = (
+            self._resumed(blocks) if resume else BlockWriter(blocks, reserve_bytes=reserve_bytes)
+        )
         self._control: ControlServer | None = None
         self._jobs = BatchJobs(config, self._directory / BLOCKS_NAME, self._report)
         self._answers: list[Reply] = []  # to commands executed here
@@ -109,13 +113,14 @@ class Service:
 
     def _resumed(self, path: Path) -> BlockWriter:
         """Reopen the block store of a crashed service; start a new one if it is invalid."""
+        reserve_bytes = self._config.service.disk_reserve_bytes
         try:
             for block in read_blocks(path):
                 self._keeper.block(block)
-            return BlockWriter(path, keep=True)
+            return BlockWriter(path, keep=True, reserve_bytes=reserve_bytes)
         except BlockStoreError as error:
             self._report("medium", "BLOCKS_FAILED", str(error))
-            return BlockWriter(path)
+            return BlockWriter(path, reserve_bytes=reserve_bytes)
 
     def open(self) -> None:
         """Open recording, telemetry and control socket; report each failure as an event."""
@@ -277,6 +282,7 @@ class Service:
             "recorder": recorder,
             "checkpoint": self._keeper.summary(),
             "events": self._event_counts.total(),
+            "events_not_logged": self._events.lost,
             "event_counts": dict(self._event_counts),
         }
         if self._telemetry is not None:
@@ -288,7 +294,8 @@ class Service:
             temporary.write_text(json.dumps(self._status))
             temporary.replace(path)
         except OSError:
-            return
+            with suppress(OSError):  # a rest would take space from others
+                temporary.unlink()
 
     def _forward_local(self, command: Command) -> bool:
         """Report and forward a command of the control socket; return False if the ring is full."""

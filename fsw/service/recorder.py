@@ -1,7 +1,6 @@
 """The recorder: a sink that writes MCAP files with configuration and robot model attached."""
 
 import errno
-import os
 import uuid
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any
 import yaml
 from zstandard import ZstdError
 
+from file_delivery.room import check_room
 from fsw.config import Config, load
 from fsw.exchange.recording import contents
 from fsw.exchange.recording_parts import (
@@ -37,9 +37,10 @@ ROBOT = "robot.urdf"
 CHECKPOINT = "checkpoint.bin"  # the checkpoint that the recorded run continued from
 CHUNK_PERIOD_NS = 1_000_000_000  # a chunk is finished at least this often
 RETRY_NS = 500_000_000  # time between attempts to open a new part after a failure
+LEAST_PART_S = 1.0  # however large a part grows in it: so many files a day are bearable
 SOON = -1  # writing has failed, and the time of the next attempt is not set yet
 NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-LEAST_FREE_BYTES = 4 << 20  # free space on the disk that a new part needs
+RESERVES = 2  # a new part needs this many reserves, so that it does not end at once
 
 
 def open_recording(
@@ -94,9 +95,8 @@ class Parts:
     def open(self) -> RecordingWriter:
         """Open the next part. Raises OSError; the next call then tries the same part number."""
         self._directory.mkdir(parents=True, exist_ok=True)
-        room = os.statvfs(self._directory)
-        if room.f_bavail * room.f_frsize < LEAST_FREE_BYTES:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        reserve_bytes = self._config.service.disk_reserve_bytes
+        check_room(self._directory, RESERVES * reserve_bytes, new_file=True)
         if self._first is None:
             self._first = new_first(self._directory)
         number = self._number + 1
@@ -104,6 +104,14 @@ class Parts:
         writer = open_recording(self._config, part_path(self._first, number), part)
         self._number = number
         return writer
+
+    def has_room(self) -> bool:
+        """Return whether the disk has more space than the reserve."""
+        try:
+            check_room(self._directory, self._config.service.disk_reserve_bytes)
+        except OSError as error:
+            return error.errno not in NO_SPACE  # any other fault shows when it is written
+        return True
 
 
 def _known_identity(path: Path) -> str | None:
@@ -139,6 +147,7 @@ class RecorderSink:
     writer : the open recording; None: the first attempt failed and `parts` is tried again
     report : receives severity, code and text when writing fails and when it continues
     parts : opens the next file when one is full or has failed; None: the first file is the only one
+    has_room : returns whether the disk has more space than the reserve
     part_bytes, part_s : size [bytes] and duration [s] of a full file; None: no limit
     """
 
@@ -148,18 +157,20 @@ class RecorderSink:
         report: Callable[[str, str, str], None],
         *,
         parts: Callable[[], RecordingWriter] | None = None,
+        has_room: Callable[[], bool] = lambda: True,
         part_bytes: int | None = None,
         part_s: float | None = None,
     ) -> None:
         self._writer = writer
         self._report = report
-        self._parts = parts
+        self._parts, self._has_room = parts, has_room
         self._part_bytes, self._part_s = part_bytes, part_s
         self._chunk_ns: int | None = None
         self._began_ns: int | None = None  # start of the file [ns]
         self._retry_ns = 0 if writer is not None else SOON  # 0: all is well
         self._last_path = writer.path if writer is not None else None
-        self.lost = 0  # messages received while no file could be written
+        self._unsure = 0  # messages not written to the file for certain
+        self.lost = 0  # messages that are in no file
         self.dropped = 0  # messages lost in the rings
 
     @property
@@ -199,6 +210,7 @@ class RecorderSink:
     def sync(self) -> None:
         """Hand finished chunks to the operating system."""
         self._write(0, lambda writer: writer.sync())
+        self._unsure = 0 if self._writer is None else self._writer.open_messages
 
     def attach(self, name: str, data: bytes) -> None:
         """Attach a file with the given name and content to the recording."""
@@ -207,7 +219,7 @@ class RecorderSink:
     def close(self) -> None:
         """Write the drop count, index and footer."""
         self._write(0, self._finish)
-        self._writer = None
+        self._writer, self._unsure = None, 0
 
     def _finish(self, writer: RecordingWriter) -> None:
         counts = {"dropped": str(self.dropped)}
@@ -226,8 +238,10 @@ class RecorderSink:
                 self._next(t_ns, "RECORDER_BACK", self._parts)
             return
         self._began_ns = t_ns if self._began_ns is None else self._began_ns
+        age_s = (t_ns - self._began_ns) * 1e-9
         large = self._part_bytes is not None and writer.size_bytes >= self._part_bytes
-        long = self._part_s is not None and (t_ns - self._began_ns) * 1e-9 >= self._part_s
+        large = large and age_s >= LEAST_PART_S
+        long = self._part_s is not None and age_s >= self._part_s
         if large or long:
             self.close()
             self._next(t_ns, None, self._parts)
@@ -254,10 +268,15 @@ class RecorderSink:
             self.lost += count
             return
         try:
+            if count and not self._has_room():
+                self._finish(writer)
+                self._unsure = 0
+                raise OSError(errno.ENOSPC, "only the reserve is free")
             write(writer)
+            self._unsure += count
         except OSError as error:
             self._writer = None
-            self.lost += count
+            self.lost, self._unsure = self.lost + self._unsure + count, 0
             self._retry_ns = SOON
             writer.abandon()
             text = f"{writer.path}: {error.strerror or error}"

@@ -52,6 +52,7 @@ class RecorderSwitch:
             writer,
             self._report,
             parts=parts.open,
+            has_room=parts.has_room,
             part_bytes=settings.part_bytes,
             part_s=settings.part_s,
         )

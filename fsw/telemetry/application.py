@@ -74,7 +74,7 @@ def build_context(
     down = Downlink(host.now_ns)
     reporter = EventReporter(host)
     modes = ModeMachine(reporter, safe=telemetry.start_mode == "safe")
-    log = CommandLog(state, boot.count, host)
+    log = CommandLog(state, boot.count, host, config.service.disk_reserve_bytes // 2)
     executor = TelecommandExecutor(modes, down, reporter, log)
     return TelemetryContext(
         host=host,

@@ -38,5 +38,6 @@ def build_application(config: Config, host: Host, *, resume: bool) -> TelemetryA
         security = Security(
             config, telemetry.sdls, state, os.environ, context.report, context.unix_s
         )
-    delivery = FileEntity(files, Numbers(state / TRANSACTIONS_NAME).take)
+    numbers = Numbers(state / TRANSACTIONS_NAME)
+    delivery = FileEntity(files, numbers.take, reserve_bytes=config.service.disk_reserve_bytes)
     return TelemetryApplication(context, delivery, security)

@@ -69,6 +69,11 @@ class TelemetryContext:
         """Return the time of day [s]."""
         return (self.host.now_ns() + self.host.epoch().utc_less_met_ns) * 1e-9
 
+    @property
+    def reserve_bytes(self) -> int:
+        """Return the free space of the disk that files leave alone [B]."""
+        return self.config.service.disk_reserve_bytes
+
     def report(self, code: str, text: str) -> None:
         """Report an event of the application; a burst may be reduced to summaries."""
         self.reporter.report(code, text)

@@ -45,7 +45,9 @@ class Eventing:
         self._boot_count = context.boot.count
         self._log: FairLog[Logged] = FairLog(LOG_ENTRIES)
         self._security: FairLog[Logged] = FairLog(LOG_ENTRIES)
-        self._journal = Journal(context.state / SECURITY_NAME, SECURITY_BYTES)
+        self._journal = Journal(
+            context.state / SECURITY_NAME, SECURITY_BYTES, context.reserve_bytes // 2
+        )
         for boot, event in _kept(self._journal.read()):
             self._security.add(event.code, (boot, event))
         self.total = 0

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from file_delivery.paths import HIDDEN
+from file_delivery.room import check_room
 from fsw.telemetry.dictionary.codes import Error
 from fsw.telemetry.link.telecommands import TcError
 
@@ -37,18 +38,19 @@ def checksum(path: Path, offset: int, length: int) -> Generator[None, None, int]
     return crc32
 
 
-def copy(source: Path, target: Path) -> Iterator[None]:
-    """Copy a file; the target appears when the copy is complete.
+def copy(source: Path, target: Path, reserve_bytes: int = 0) -> Iterator[None]:
+    """Copy a file; the target appears when the copy is complete, and leaves the reserve [B] free.
 
     Raises
     ------
     OSError, and TcError BUSY if the target has appeared in the meantime.
     """
     target.parent.mkdir(parents=True, exist_ok=True)
+    check_room(target.parent, reserve_bytes, source.stat().st_size, new_file=True)
     unfinished = target.with_name(COPYING)
     try:
         with source.open("rb") as reader, unfinished.open("wb") as writer:
-            yield from _pour(reader, writer, source.stat().st_size)
+            yield from _pour(reader, writer, source.stat().st_size, target.parent, reserve_bytes)
         if target.exists() or target.is_symlink():
             raise TcError(Error.BUSY, 2, text=f"{target.name} exists")
         unfinished.replace(target)
@@ -56,15 +58,20 @@ def copy(source: Path, target: Path) -> Iterator[None]:
         unfinished.unlink(missing_ok=True)
 
 
-def append(source: Path, target: Path, offset: int) -> Iterator[None]:
-    """Append a source to a target of `offset` bytes, then remove the source. Raises OSError."""
+def append(source: Path, target: Path, offset: int, reserve_bytes: int = 0) -> Iterator[None]:
+    """Append a source to a target of `offset` bytes, then remove the source; leave the reserve [B].
+
+    Raises
+    ------
+    OSError; the target then has its old content.
+    """
     if not offset:  # nothing to append to
         source.replace(target)
         return
     with source.open("rb") as reader, target.open("r+b") as writer:
         writer.seek(offset)
         try:
-            yield from _pour(reader, writer, source.stat().st_size)
+            yield from _pour(reader, writer, source.stat().st_size, target.parent, reserve_bytes)
             writer.flush()
         except BaseException:  # GeneratorExit too, when the generator is closed
             writer.truncate(offset)
@@ -72,9 +79,12 @@ def append(source: Path, target: Path, offset: int) -> Iterator[None]:
     source.unlink()
 
 
-def _pour(reader: BinaryIO, writer: BinaryIO, length: int) -> Iterator[None]:
+def _pour(
+    reader: BinaryIO, writer: BinaryIO, length: int, folder: Path, reserve_bytes: int
+) -> Iterator[None]:
     """Copy `length` bytes, or fewer if the reader ends; bytes that a log gains are left out."""
     while length and (piece := reader.read(min(PIECE_BYTES, length))):
+        check_room(folder, reserve_bytes, len(piece))
         writer.write(piece)
         length -= len(piece)
         yield

@@ -2,11 +2,13 @@
 
 import os
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path, PurePosixPath
 
 from file_delivery.paths import HIDDEN
+from file_delivery.room import check_room
+from fsw.exchange.recording_parts import is_recording
 from fsw.telemetry.dictionary.codes import FILE_KIND, Error
 from fsw.telemetry.dictionary.files import PAGE_ENTRIES
 from fsw.telemetry.link.telecommands import Request, TcError
@@ -17,6 +19,7 @@ from fsw.telemetry.services.file_pieces import append, checksum, copy
 from fsw.telemetry.services.long_work import Pieces
 from fsw.telemetry.state.command_log import COMMANDS_NAME
 
+RECORDINGS = "recordings"
 MAX_DEPTH = 8  # most parts of a folder's name
 # files of the state directory that the ground may read
 LOGS = ("events.jsonl", COMMANDS_NAME, SECURITY_NAME, "status.json")
@@ -25,15 +28,15 @@ LOGS = ("events.jsonl", COMMANDS_NAME, SECURITY_NAME, "status.json")
 class Filing:
     """Works on the daemon's files by the names that the ground uses: FOLDER/NAME, or NAME of a log.
 
-    The folders are `files`, in which file delivery works, and `recordings`. The logs lie in the
-    state directory and can only be read.
+    The folders are `files`, in which file delivery works, and `recordings`, of which only the
+    recorder's own files have names. The logs lie in the state directory and can only be read.
     """
 
     def __init__(self, context: TelemetryContext) -> None:
         self._context, config = context, context.config
         self._folders = {"files": context.state / context.telemetry.file_directory}
         if config.recorder.directory is not None:
-            self._folders["recordings"] = config.resolve(config.recorder.directory)
+            self._folders[RECORDINGS] = config.resolve(config.recorder.directory)
         self._in_work: set[Path] = set()  # files that are being copied or appended
         self._single = {name: context.state / name for name in LOGS}
 
@@ -46,6 +49,8 @@ class Filing:
         if root is None or any(part.startswith(HIDDEN) for part in parts):
             text = f"{name!r}: begins with {sorted(self._folders)}, no part with {HIDDEN!r}"
             raise TcError(Error.BAD_ARG, argument, text=text)
+        if parts[0] == RECORDINGS and not _is_recording(parts[1:]):
+            raise TcError(Error.BAD_ARG, argument, text=f"{name!r}: no name of a recording")
         path = root.joinpath(*parts[1:])
         try:
             inside = path.resolve().is_relative_to(root.resolve())
@@ -125,12 +130,15 @@ class Filing:
         if not path.is_dir():
             raise TcError(Error.FILE_NOT_FOUND, 1)
 
-        return self._context.long_work.action(request, partial(_page, path, name, first))
+        shown = is_recording if path == self._folders.get(RECORDINGS) else _is_shown
+        return self._context.long_work.action(request, partial(_page, path, name, first, shown))
 
     def _copy(self, request: Request) -> Action:
         source = self.free(self.existing(request.text("path")))
         target = self._new(request.text("target"))
-        return self._work(request, copy(source, target), source, target)
+        return self._work(
+            request, copy(source, target, self._context.reserve_bytes), source, target
+        )
 
     def _move(self, request: Request) -> Action:
         """Rename a file or a folder."""
@@ -151,7 +159,9 @@ class Filing:
         there = target.stat().st_size if target.is_file() else 0
         if there != offset:
             raise TcError(Error.OUT_OF_RANGE, 3, there, text=f"the target has {there} bytes")
-        return self._work(request, append(source, target, offset), source, target)
+        return self._work(
+            request, append(source, target, offset, self._context.reserve_bytes), source, target
+        )
 
     def _work(self, request: Request, pieces: Iterator[None], *paths: Path) -> Action:
         """Return an action that begins work on files, which are locked until the work ends."""
@@ -179,7 +189,11 @@ class Filing:
             raise TcError(Error.BUSY, 1, text=f"{name} exists")
         if len(PurePosixPath(name).parts) > MAX_DEPTH:
             raise TcError(Error.OUT_OF_RANGE, 1, text=f"more than {MAX_DEPTH} folders")
-        return partial(guarded, path.mkdir)
+        return partial(guarded, partial(self._make_folder, path))
+
+    def _make_folder(self, path: Path) -> None:
+        check_room(path.parent, self._context.reserve_bytes, new_file=True)
+        path.mkdir()
 
     def _delete_folder(self, request: Request) -> Action:
         path = self.writable(request.text("path"))
@@ -199,13 +213,21 @@ class Filing:
         return partial(guarded, act)
 
 
-def _page(path: Path, name: str, first: int) -> list[tuple[str, Mapping[str, object]]]:
-    """Return at most `PAGE_ENTRIES` entries of a folder as packets. Raises OSError."""
+def _is_recording(parts: Sequence[str]) -> bool:
+    """Return whether a path below `recordings` is that folder or a file of the recorder."""
+    return not parts or (len(parts) == 1 and is_recording(parts[0]))
+
+
+def _is_shown(name: str) -> bool:
+    return not name.startswith(HIDDEN)
+
+
+def _page(
+    path: Path, name: str, first: int, shown: Callable[[str], bool]
+) -> list[tuple[str, Mapping[str, object]]]:
+    """Return at most `PAGE_ENTRIES` of the shown entries of a folder as packets. Raises OSError."""
     with os.scandir(path) as found:
-        entries = sorted(
-            (item for item in found if not item.name.startswith(HIDDEN)),
-            key=lambda item: item.name,
-        )
+        entries = sorted((e for e in found if shown(e.name)), key=lambda item: item.name)
     total, page = len(entries), entries[first - 1 : first - 1 + PAGE_ENTRIES]
     packets = []
     for place, item in enumerate(page, start=first):

@@ -69,7 +69,12 @@ class Playback:
         }
         folder = context.state / FOLDER
         self._stores = {
-            store: PacketStore(folder / store.name.lower(), limits_bytes[store], context.epoch)
+            store: PacketStore(
+                folder / store.name.lower(),
+                limits_bytes[store],
+                context.epoch,
+                reserve_bytes=context.reserve_bytes,
+            )
             for store in Store
         }
         self._switches = GenerationStore(context.state / SWITCHES)

@@ -50,11 +50,12 @@ class CommandLog:
     ----------
     state : directory of the file
     boot_count : number of the current start of the daemon
+    reserve_bytes : free space of the disk that the file leaves alone [B]
     """
 
-    def __init__(self, state: Path, boot_count: int, host: Host) -> None:
+    def __init__(self, state: Path, boot_count: int, host: Host, reserve_bytes: int = 0) -> None:
         self._host, self._boot_count = host, boot_count
-        self._journal = Journal(state / COMMANDS_NAME, LIMIT_BYTES)
+        self._journal = Journal(state / COMMANDS_NAME, LIMIT_BYTES, reserve_bytes)
         self._log: FairLog[CommandRecord] = FairLog(CAPACITY)
         self._number = 0
         for record in _records(self._journal.read()):

@@ -6,17 +6,21 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import IO, Any
 
+from file_delivery.room import check_room
+
 
 class Journal:
-    """Appends lines to a file; on a full disk lines are lost, and the service continues.
+    """Appends lines to a file; on a full disk lines are lost and counted, the service continues.
 
     Parameters
     ----------
     limit_bytes : above this size the file is renamed to `NAME.1` and a new file begins [B]
+    reserve_bytes : free space of the disk that lines leave alone [B]
     """
 
-    def __init__(self, path: Path, limit_bytes: int) -> None:
-        self._path, self._limit_bytes = path, limit_bytes
+    def __init__(self, path: Path, limit_bytes: int, reserve_bytes: int = 0) -> None:
+        self._path, self._limit_bytes, self._reserve_bytes = path, limit_bytes, reserve_bytes
+        self.lost = 0  # lines that could not be written
         self._before = path.with_name(f"{path.name}.1")
 
     @property
@@ -30,6 +34,7 @@ class Journal:
         A line that was cut by a full disk or a power failure is ended first.
         """
         try:
+            check_room(self._path.parent, self._reserve_bytes)
             if self._path.exists() and self._path.stat().st_size > self._limit_bytes:
                 self._path.replace(self._before)
             with self._path.open("ab+") as file:
@@ -37,7 +42,7 @@ class Journal:
                 file.write(b"" if whole else b"\n")
                 file.write(json.dumps(values).encode() + b"\n")
         except OSError:
-            return  # the recorder reports a full disk
+            self.lost += 1
 
     def read(self) -> list[dict[str, Any]]:
         """Return the values of all readable lines, oldest first."""

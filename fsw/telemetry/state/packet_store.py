@@ -1,24 +1,28 @@
 """One circular packet store of bounded size on the disk, which survives a restart.
 
 A store is a folder of segments. A segment is a header (magic, version, and the epoch of its times)
-followed by whole telemetry packets as they were sent. The oldest segment is removed before the
-store would exceed its size. Packets are written unbuffered, so a killed process loses none. A full
-segment is synchronised to the disk before the next begins; the service synchronises the newest
-segment every few seconds.
+followed by whole telemetry packets as they were sent, and by an end (magic, times of the oldest and
+newest packet, CRC-32) once no more follow. A start reads the packets of segments without an end
+only. The oldest segment is removed before the store would exceed its size. Packets are written
+unbuffered, so a killed process loses none. A full segment is synchronised to the disk before the
+next begins; the service synchronises the newest segment every few seconds.
 """
 
 import errno
 import os
 import re
 import struct
+import zlib
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO
 
 from fastcrc import crc16
 
 from file_delivery.durable import sync_file
+from file_delivery.room import check_room
 from fsw.telemetry.link.packets import (
     CRC_BYTES,
     CUC_BYTES,
@@ -33,6 +37,9 @@ FORMAT_VERSION = 1
 SEGMENTS = 16  # number of segments of a full store
 MOST_SEGMENTS = 64  # limit when many segments are short, after many restarts
 _HEAD = struct.Struct(f">4sHq{MAX_CLOCK_ID_CHARACTERS}s")
+END_MAGIC = b"FSWE"  # no packet begins so
+_END = struct.Struct(">4sqq")
+END_BYTES = _END.size + 4  # with its CRC-32
 _NAME = re.compile(r"(\d{8})\.packets$")
 _TIME = slice(TM_HEADER_BYTES - CUC_BYTES, TM_HEADER_BYTES)
 
@@ -62,32 +69,40 @@ def packet_time_ns(packet: bytes) -> int:
     return from_cuc(packet[_TIME])
 
 
-def split_packets(data: bytes) -> Iterator[tuple[int, bytes]]:
+def split_packets(file: BinaryIO) -> Iterator[tuple[int, bytes]]:
     """Yield time [ns] and bytes of each packet; stop at the first bytes that are no packet."""
-    at = 0
-    while at + HEADER_BYTES <= len(data):
-        end = at + int.from_bytes(data[at + 4 : at + 6], "big") + HEADER_BYTES + 1
-        packet = data[at:end]
-        if end > len(data):
+    while len(head := file.read(HEADER_BYTES)) == HEADER_BYTES and head[:4] != END_MAGIC:
+        length = int.from_bytes(head[4:6], "big") + 1
+        packet = head + file.read(length)
+        if len(packet) < HEADER_BYTES + length:
             return
         try:
             t_ns = packet_time_ns(packet)
         except ValueError:
             return
         yield t_ns, packet
-        at = end
 
 
-def read_segment(path: Path) -> tuple[Epoch, bytes]:
-    """Return the epoch and the packets of a segment. Raises OSError or ValueError."""
-    data = path.read_bytes()
-    if len(data) < _HEAD.size:
-        raise ValueError(f"{path.name}: too short")
-    magic, version, offset_ns, clock_id = _HEAD.unpack_from(data)
-    if magic != MAGIC or version != FORMAT_VERSION:
-        raise ValueError(f"{path.name}: no segment of version {FORMAT_VERSION}")
+def read_segment(path: Path) -> tuple[Epoch, BinaryIO]:
+    """Return the epoch of a segment, and its file at the first packet; the caller closes it.
+
+    Raises
+    ------
+    OSError, or ValueError when the file is no segment.
+    """
+    file = path.open("rb")
+    try:
+        head = file.read(_HEAD.size)
+        if len(head) < _HEAD.size:
+            raise ValueError(f"{path.name}: too short")
+        magic, version, offset_ns, clock_id = _HEAD.unpack(head)
+        if magic != MAGIC or version != FORMAT_VERSION:
+            raise ValueError(f"{path.name}: no segment of version {FORMAT_VERSION}")
+    except BaseException:
+        file.close()
+        raise
     name = clock_id.rstrip(b"\0").decode(errors="replace")
-    return Epoch(clock_id=name, utc_less_met_ns=offset_ns), data[_HEAD.size :]
+    return Epoch(clock_id=name, utc_less_met_ns=offset_ns), file
 
 
 class PacketStore:
@@ -97,10 +112,18 @@ class PacketStore:
     ----------
     limit_bytes : largest size of all segments together [B]
     epoch : returns the origin of present times
+    reserve_bytes : free space of the disk that packets leave alone [B]
     """
 
-    def __init__(self, folder: Path, limit_bytes: int, epoch: Callable[[], Epoch]) -> None:
-        self._folder, self._epoch = folder, epoch
+    def __init__(
+        self,
+        folder: Path,
+        limit_bytes: int,
+        epoch: Callable[[], Epoch],
+        *,
+        reserve_bytes: int = 0,
+    ) -> None:
+        self._folder, self._epoch, self._reserve_bytes = folder, epoch, reserve_bytes
         self.limit_bytes = limit_bytes
         self._segment_bytes = limit_bytes // SEGMENTS
         self._segments: list[StoreSegment] = []
@@ -133,6 +156,7 @@ class PacketStore:
         """Store one packet. Raises OSError; the next packet then begins a new segment."""
         try:
             segment = self._current(len(packet))
+            check_room(self._folder, self._reserve_bytes, len(packet))
             _append(segment.path, packet)
         except OSError:
             self._is_open = False
@@ -153,14 +177,13 @@ class PacketStore:
             segment = next((item for item in self._segments if item.number == number), None)
             if segment is None:
                 continue  # removed in the meantime
-            try:
-                epoch, data = read_segment(segment.path)
-            except (OSError, ValueError):
-                continue
-            for t_ns, packet in split_packets(data):
-                t_now_ns = carried_over(t_ns, epoch, now)
-                wanted = (from_ns is None or from_ns <= t_now_ns) and t_now_ns <= to_ns
-                yield packet if wanted and crc16.ibm_3740(packet) == 0 else None
+            with suppress(OSError, ValueError):  # it is damaged or cannot be read
+                epoch, file = read_segment(segment.path)
+                with file:
+                    for t_ns, packet in split_packets(file):
+                        t_now_ns = carried_over(t_ns, epoch, now)
+                        wanted = (from_ns is None or from_ns <= t_now_ns) and t_now_ns <= to_ns
+                        yield packet if wanted and crc16.ibm_3740(packet) == 0 else None
 
     def delete_until(self, t_ns: int) -> int:
         """Remove segments without a packet after a time; return their size [B]. Raises OSError."""
@@ -177,7 +200,7 @@ class PacketStore:
         """Return the segment to append a packet to; begin a new one when it is full."""
         if self._is_open:
             segment = self._segments[-1]
-            if segment.size_bytes + size_bytes <= self._segment_bytes:
+            if segment.size_bytes + size_bytes + END_BYTES <= self._segment_bytes:
                 return segment
         most_bytes = self.limit_bytes - self._segment_bytes
         while self._segments and (
@@ -188,14 +211,23 @@ class PacketStore:
 
     def _begin(self) -> StoreSegment:
         self._folder.mkdir(parents=True, exist_ok=True)
-        if self._segments:
+        check_room(self._folder, self._reserve_bytes, new_file=True)
+        if self._is_open:
+            _end(self._segments[-1])
+        elif self._segments:
             _sync(self._segments[-1].path)
+        self._is_open = False
         epoch = self._epoch()
         segment = StoreSegment(self._next, self._folder / f"{self._next:08d}.packets", epoch)
         self._next += 1
         head = _HEAD.pack(MAGIC, FORMAT_VERSION, epoch.utc_less_met_ns, _name(epoch))
+        try:
+            _append(segment.path, head, os.O_CREAT | os.O_EXCL)
+        except OSError:
+            with suppress(OSError):
+                segment.path.unlink()
+            raise
         self._segments.append(segment)
-        _append(segment.path, head)
         self._is_open = True
         return segment
 
@@ -215,24 +247,63 @@ class PacketStore:
         for number, path in sorted((int(m[1]), path) for m, path in named if m):
             self._next = number + 1
             try:
-                epoch, data = read_segment(path)
+                self._segments.append(_found(number, path))
             except OSError:
                 continue
             except ValueError:
                 path.unlink(missing_ok=True)
-                continue
-            segment = StoreSegment(number, path, epoch)
-            for t_ns, packet in split_packets(data):
+
+
+def _found(number: int, path: Path) -> StoreSegment:
+    """Return a segment of an earlier run; give a whole one its end. Raises OSError, ValueError."""
+    epoch, file = read_segment(path)
+    segment = StoreSegment(number, path, epoch)
+    with file:
+        size_bytes = os.fstat(file.fileno()).st_size
+        times = _read_end(file, size_bytes)
+        if times is not None:
+            segment.oldest_ns, segment.newest_ns = times
+        else:
+            for t_ns, packet in split_packets(file):
                 segment.note(t_ns, len(packet))
-            segment.size_bytes = _HEAD.size + len(data)
-            self._segments.append(segment)
+    is_whole = times is None and segment.size_bytes == size_bytes
+    segment.size_bytes = size_bytes
+    if is_whole:
+        with suppress(OSError):  # the next start reads its packets again
+            _end(segment)
+    return segment
 
 
-def _append(path: Path, data: bytes) -> None:
-    """Append all of the data to a file. Raises OSError."""
-    with path.open("ab", buffering=0) as file:
-        if file.write(data) != len(data):
+def _end(segment: StoreSegment) -> None:
+    """Write the end of a segment and wait until it is on the disk. Raises OSError."""
+    if segment.oldest_ns is not None and segment.newest_ns is not None:
+        end = _END.pack(END_MAGIC, segment.oldest_ns, segment.newest_ns)
+        _append(segment.path, end + zlib.crc32(end).to_bytes(4, "big"))
+        segment.size_bytes += END_BYTES
+    _sync(segment.path)
+
+
+def _read_end(file: BinaryIO, size_bytes: int) -> tuple[int, int] | None:
+    """Return the times in the end of a segment [ns]; None without one, then at the first packet."""
+    if size_bytes < _HEAD.size + END_BYTES:
+        return None
+    file.seek(size_bytes - END_BYTES)
+    data = file.read(END_BYTES)
+    magic, oldest_ns, newest_ns = _END.unpack_from(data)
+    if magic == END_MAGIC and data[_END.size :] == zlib.crc32(data[: _END.size]).to_bytes(4, "big"):
+        return oldest_ns, newest_ns
+    file.seek(_HEAD.size)
+    return None
+
+
+def _append(path: Path, data: bytes, create: int = 0) -> None:
+    """Append all of the data to a file; a removed file is not made again. Raises OSError."""
+    descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CLOEXEC | create, 0o600)
+    try:
+        if os.write(descriptor, data) != len(data):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    finally:
+        os.close(descriptor)
 
 
 def _sync(path: Path) -> None:

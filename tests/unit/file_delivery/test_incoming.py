@@ -220,8 +220,8 @@ def test_what_is_beyond_the_limits_is_refused(entity, folder, monkeypatch, chang
     if change == "size":
         up.size = (1 << 20) + 1
     elif change == "disk":
-        room = SimpleNamespace(free=99)
-        monkeypatch.setattr("shutil.disk_usage", lambda _path: room)
+        room = SimpleNamespace(f_bavail=99, f_frsize=1, f_files=0, f_favail=0)
+        monkeypatch.setattr("os.statvfs", lambda _path: room)
     else:
         up.mode = TransmissionMode.UNACKNOWLEDGED
     for unit in (up.metadata(), up.data(), up.end()):

@@ -4,8 +4,10 @@ import os
 
 import pytest
 
-from fsw.checks.configuration import missing_devices, validate, validate_outputs
+from fsw.checks.configuration import missing_devices, validate
+from fsw.checks.outputs import validate_outputs
 from fsw.config import load
+from fsw.messages.errors import ConfigError
 from tests.conftest import arm_config
 from tests.support.check_cases import assert_named, fault
 
@@ -204,6 +206,66 @@ def test_folders_that_do_not_exist_yet_are_accepted_and_not_made(arm):
     arm.data["recorder"]["directory"] = "deep/below"
     validate_outputs(load(arm.write()))
     assert not (arm.folder / "deep").exists()
+
+
+@pytest.mark.parametrize(
+    ("section", "key", "value"),
+    [
+        ("recorder", "part_s", 1e-6),
+        ("recorder", "chunk_bytes", 10**12),
+        ("service", "status_rate_hz", 1e5),
+        ("service", "disk_reserve_bytes", 0),
+        ("service", "disk_reserve_bytes", 10**15),
+        ("scheduler", "tick_rate_hz", 1e5),
+        ("imu", "rate_hz", 1e5),
+        ("star_tracker", "rate_hz", 1e5),
+        ("telemetry", "science_rate_hz", 1e5),
+        ("telemetry", "queue_bytes", 10**8),
+        ("telemetry", "packet_stores", {"science_bytes": 1 << 36}),
+    ],
+)
+def test_what_no_machine_bears_is_refused_with_its_bound(arm, section, key, value):
+    arm.data.setdefault(section, {})[key] = value
+    with pytest.raises(ConfigError) as error:
+        load(arm.write())
+    assert_named(str(error.value), f"{section}.{key}", "must be")
+    assert len(str(error.value).splitlines()) == 1
+
+
+def test_the_reserve_holds_the_last_chunks(arm):
+    arm.data["recorder"]["chunk_bytes"] = 1 << 24
+    with pytest.raises(ConfigError, match="disk_reserve_bytes: 4194304 must be at least 67108864"):
+        load(arm.write())
+
+
+KEYS = [{"spi": 1, "file": "keys/command.key"}]
+
+
+@pytest.mark.parametrize(
+    ("recordings", "state", "held"),
+    [
+        (".", "state", "the configuration"),
+        ("keys", "state", "telemetry.sdls.keys.0.file"),
+        ("state", "state", "service.state_directory"),
+        ("below", "below/state", "service.state_directory"),
+        ("link", "state", "service.state_directory"),
+        ("state/files", "state", "state/files"),
+        ("state/tables/sub", "state", "state/tables"),
+        ("..", "state", "robot.urdf"),
+    ],
+)
+def test_recordings_share_their_folder_with_nothing_of_the_daemon(arm, recordings, state, held):
+    (arm.folder / "link").symlink_to(arm.folder / "state")
+    arm.data["telemetry"] = {"tc_security": "sdls", "sdls": {"keys": KEYS}}
+    arm.data["recorder"]["directory"] = recordings
+    arm.data["service"]["state_directory"] = state
+    assert_named(fault(arm, validate_outputs), "recorder.directory", recordings, held)
+
+
+@pytest.mark.parametrize("recordings", ["recordings", "state/recordings", "state_recordings"])
+def test_recordings_may_lie_beside_everything_else(arm, recordings):
+    arm.data["recorder"]["directory"] = recordings
+    validate_outputs(load(arm.write()))
 
 
 def test_devices_not_there_are_listed(arm):

@@ -1,8 +1,12 @@
 """A packet store on the disk: bounded, in order, whatever happened to its files."""
 
+import io
 import os
 import subprocess
 import sys
+import time
+import tracemalloc
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -11,6 +15,7 @@ from fsw.telemetry.dictionary import DICTIONARY
 from fsw.telemetry.link.packets import Packetizer
 from fsw.telemetry.state.packet_store import MOST_SEGMENTS, PacketStore, split_packets
 from tests.support.application_cases import EPOCH, SECOND
+from tests.support.small_disk import BALLAST, fill, small_disk
 
 LIMIT = 1 << 20
 PACKETIZER = Packetizer()
@@ -130,7 +135,7 @@ def test_a_segment_removed_while_it_is_read_is_passed_over(tmp_path):
 
 def test_arbitrary_bytes_hold_no_packets_and_raise_nothing():
     for data in (b"", b"\0" * 5, b"\xff" * 300, packet(1)[:-1], packet(1)[:20]):
-        assert list(split_packets(data)) == []
+        assert list(split_packets(io.BytesIO(data))) == []
 
 
 def test_a_segment_that_cannot_be_read_now_is_not_lost(tmp_path, monkeypatch):
@@ -146,3 +151,59 @@ def test_a_segment_that_cannot_be_read_now_is_not_lost(tmp_path, monkeypatch):
         assert found(store(tmp_path)) == []
     assert path.exists()
     assert found(store(tmp_path)) == [stored]
+
+
+def large_packet(t_s: float, size: int = 4096) -> bytes:
+    data = bytearray(packet(t_s).ljust(size, b"\0"))
+    data[4:6] = (size - 7).to_bytes(2, "big")
+    return bytes(data)
+
+
+def test_a_large_store_starts_at_once_and_is_never_read_whole(tmp_path):
+    held = store(tmp_path, 64 << 20)
+    for k in range(15_700):
+        held.append(large_packet(k))
+    began_s = time.perf_counter()
+    tracemalloc.start()
+    again = store(tmp_path, 64 << 20)
+    assert again.span() == held.span()
+    count = sum(1 for _ in again.packets(None, 10**15))
+    peak_bytes = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert count > 13_000
+    assert peak_bytes < 1 << 20
+    later_s = time.perf_counter()
+    store(tmp_path, 64 << 20)
+    assert time.perf_counter() - later_s < 0.1 * (later_s - began_s), "a start reads every packet"
+
+
+def test_the_reserve_of_a_disk_is_left_and_nothing_stored_is_removed_for_want_of_room(tmp_path):
+    with small_disk(tmp_path / "disk", 4 << 20) as disk:
+        held = PacketStore(disk / "s", 2 << 20, lambda: EPOCH, reserve_bytes=5 << 19)
+        stored = []
+        with suppress(OSError):
+            for k in range(100_000):
+                held.append(one := packet(k))
+                stored.append(one)
+        assert 1000 < len(stored) < 100_000
+        room = os.statvfs(disk)
+        assert room.f_bavail * room.f_frsize >= (5 << 19) - 4096
+        fill(disk)
+        for k in range(200):
+            with pytest.raises(OSError, match="No space left"):
+                held.append(packet(k))
+        assert found(store(disk / "s", 2 << 20)) == stored
+        (disk / BALLAST).unlink()
+        assert held.delete_until(1000 * SECOND) > 0
+        held.append(packet(5))
+
+
+def test_a_segment_that_was_removed_is_followed_by_one_that_can_be_read(tmp_path):
+    held = store(tmp_path)
+    held.append(packet(1))
+    (path,) = tmp_path.iterdir()
+    path.unlink()
+    with pytest.raises(OSError, match="No such file"):
+        held.append(packet(2))
+    held.append(packet(3))
+    assert b"at 3" in found(store(tmp_path))[-1]

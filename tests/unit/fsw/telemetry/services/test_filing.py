@@ -68,7 +68,7 @@ def files(flight: Flight) -> Path:
     (folder / "sub").mkdir()
     recordings = flight.config.resolve(flight.config.recorder.directory)
     recordings.mkdir()
-    (recordings / "r.mcap").write_bytes(b"recorded")
+    (recordings / "recording_0001.mcap").write_bytes(b"recorded")
     (state / "secret.key").write_bytes(bytes(32))
     (state / "events.jsonl").write_bytes(b"{}\n")
     return folder
@@ -245,9 +245,9 @@ def test_the_recording_in_progress_is_not_removed_nor_sent_until_it_is_closed(
     flight: Flight, files: Path
 ):
     flight.app.transfers.delivery = FakeDelivery()
-    flight.recording.path = files.parent.parent / "recordings" / "r.mcap"
+    flight.recording.path = files.parent.parent / "recordings" / "recording_0001.mcap"
     flight.send("REC_START")
-    path = {"path": "recordings/r.mcap"}
+    path = {"path": "recordings/recording_0001.mcap"}
     assert flight.refused("DELETE_FILE", path) is Error.BUSY
     assert flight.refused("DOWNLINK_FILE", path | {"remove": 0}) is Error.BUSY
     flight.send("REC_STOP")
@@ -274,8 +274,8 @@ def test_a_file_goes_down_and_completes_when_it_has_arrived(flight: Flight, file
 
 
 def test_a_recording_is_removed_when_it_has_arrived(flight: Flight, files: Path):
-    recording = flight.config.resolve(flight.config.recorder.directory) / "r.mcap"
-    flight.send("DOWNLINK_FILE", {"path": "recordings/r.mcap", "remove": 1})
+    recording = flight.config.resolve(flight.config.recorder.directory) / "recording_0001.mcap"
+    flight.send("DOWNLINK_FILE", {"path": "recordings/recording_0001.mcap", "remove": 1})
     ends = Pair(here=GROUND, there=DAEMON)
     (files.parent / "ground").mkdir()
     ground = FileEntity(files.parent / "ground", ends=ends)
@@ -284,7 +284,7 @@ def test_a_recording_is_removed_when_it_has_arrived(flight: Flight, files: Path)
             ground.receive(unit, 0)
         for unit in ground.poll(0):
             flight.app.transfers.delivery.receive(unit, 0)
-    assert (files.parent / "ground" / "r.mcap").read_bytes() == b"recorded"
+    assert (files.parent / "ground" / "recording_0001.mcap").read_bytes() == b"recorded"
     assert not recording.exists()
 
 
@@ -311,3 +311,28 @@ def test_a_loop_of_links_is_no_file_and_ends_nothing(flight: Flight, files: Path
         (OTHER, "files/b"),
         (FOLDER, "files/sub"),
     ]
+
+
+OTHERS = ["command.key", "config.yaml", ".last_recording", "state", "state/boot", "x.mcap"]
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_only_the_recorders_own_files_have_names_among_the_recordings(flight, files, name):
+    recordings = files.parent.parent / "recordings"
+    other = recordings / name
+    other.parent.mkdir(exist_ok=True)
+    other.write_bytes(b"not for the ground")
+    told = f"recordings/{name}"
+    flight.send("COPY_FILE", {"path": told, "target": "files/stolen"})
+    assert flight.error() is Error.BAD_ARG
+    flight.send("MOVE_FILE", {"path": told, "target": "files/stolen"})
+    flight.send("MOVE_FILE", {"path": "files/a.txt", "target": told})
+    flight.send("DELETE_FILE", {"path": told})
+    flight.send("DOWNLINK_FILE", {"path": told, "remove": 1})
+    flight.send("CREATE_DIRECTORY", {"path": "recordings/sub"})
+    flight.wait(0.3)
+    assert other.read_bytes() == b"not for the ground"
+    assert not (files / "stolen").exists()
+    assert not (recordings / "sub").exists()
+    shown = [str(value) for entry in listed(flight, "recordings") for value in entry]
+    assert [text for text in shown if "/" in text] == ["recordings/recording_0001.mcap"]
