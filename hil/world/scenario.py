@@ -151,9 +151,13 @@ class Scenario:
 
     @property
     def rests(self) -> bool:
-        """Return whether the robot is at rest before and after the arm's motion."""
+        """Return whether the robot is at rest before and after the arm's motion.
+
+        Liquid and panels swing on after it.
+        """
         moved = (self.environment, self.wheels, self.thrusters, self.contact)
-        return not any(part is not None for part in moved) and not any(self.start_rate_rad_s)
+        swings = self.slosh or self.panels or any(self.start_rate_rad_s)
+        return not swings and not any(part is not None for part in moved)
 
     @property
     def buses(self) -> dict[str, dict[str, Any]]:

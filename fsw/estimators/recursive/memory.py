@@ -137,8 +137,10 @@ class Memory:
         self._combine()
         if not keep:
             return
-        if self._pass is not None:
+        if self._pass is not None and self.gained is None:
             self._pass = stored.into(self._pass)
+        elif self._pass is not None:
+            self._total += 1
         self._store.append(stored)
         if len(self._store) > self._capacity:
             self._retire()
@@ -152,7 +154,8 @@ class Memory:
     def advance(self, rows: SafeRows) -> bool:
         """Re-linearise the next block of the pass; return True when that ended the pass.
 
-        The pass includes blocks that were added since it began.
+        The pass includes blocks that were added since it began. It re-linearises them too if they
+        depend on the blocks before them, because momentum and modes followed from its old point.
         """
         if self._pass is None:
             return False
@@ -172,8 +175,7 @@ class Memory:
             if self._visited < self._total:
                 return False
         self.data, self._pass = self._pass, None
-        if self._total == len(self._store):  # no block has come since
-            self.gained = self._gained_in_pass
+        self.gained = self._gained_in_pass
         self.failed = self._failures
         self.passes += 1
         self._combine()
@@ -295,6 +297,7 @@ class Memory:
                 self._visited -= 1
             else:
                 self._pass = oldest.into(self._pass)
+                self._gained_in_pass = oldest.after
             self._total -= 1
 
 

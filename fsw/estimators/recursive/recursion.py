@@ -242,10 +242,10 @@ class Recursion:
             self.gated += 1
             if self.problem.modes is not None:  # the arm moved, and its modes with it
                 self.memory.add(block, rows, at, keep=not self.linear, weight=0.0)
-        else:
-            self._absorb(block, rows, at, end_ns)
-            if self.blocks % NOISE_BLOCKS == 0:
-                self._learn_noise()
+        elif not self._absorb(block, rows, at, end_ns):
+            return
+        elif self.blocks % NOISE_BLOCKS == 0:
+            self._learn_noise()
         if judgement.changed:
             self._reopen()
 
@@ -278,7 +278,8 @@ class Recursion:
             return replace(block, has_attitude=False)
         data = self.origin.with_momentum(found[problem.at("momentum")], memory.data)
         memory.restart(self.origin.information(at), data)
-        self._solve()
+        if not self._solve():
+            return replace(block, has_attitude=False)
         memory.at = found
         watch.found_momentum()
         return block
@@ -309,10 +310,11 @@ class Recursion:
         data = self.origin.follow(block, self.memory.data)
         if data is not None:
             self.memory.restart(self.origin.information(self.memory.at), data)
-            self._solve()
-            self.memory.at = self._point()
+            if self._solve():
+                self.memory.at = self._point()
 
-    def _absorb(self, block: Block, rows: Rows, at: FloatArray, end_ns: int) -> None:
+    def _absorb(self, block: Block, rows: Rows, at: FloatArray, end_ns: int) -> bool:
+        """Fold in the rows of a block; return False if the recursion has restarted instead."""
         c = rows.b + rows.A @ at
         before, R = self.x, self.memory.information.R
         self.memory.add(block, rows, at, keep=not self.linear)
@@ -320,9 +322,11 @@ class Recursion:
         self.since += 1
         self.noise.note(block)
         self.span_ns = (self.span_ns[0] if self.span_ns else int(block.t_ns[0]), end_ns)
-        self._solve()
+        if not self._solve():
+            return False
         residual, step = c - rows.A @ self.x, R @ (self.x - before)
         self._rss += float(residual @ residual + step @ step)
+        return True
 
     def _age(self, end_ns: int) -> None:
         time_s = self._settings.forgetting_time_s
@@ -334,14 +338,17 @@ class Recursion:
         noted = self.noise.applied(self.origin.in_epoch(block))
         return usable_rows(self._rows, noted, at, before)
 
-    def _solve(self) -> None:
+    def _solve(self) -> bool:
+        """Solve for the state; if that is impossible, restart at the prior and return False."""
         try:
             mean = self.memory.information.mean()
             if not np.isfinite(mean).all():
                 raise EstimatorError("the estimate is not finite")
-            self.x = mean
         except EstimatorError as error:
             self.begin_again(str(error))
+            return False
+        self.x = mean
+        return True
 
     def _reopen(self) -> None:
         mean, blocks = self._point(), self.since
@@ -396,8 +403,7 @@ class Recursion:
         if not memory.advance(self._usable_rows):
             return
         memory.replace_prior(self.origin.information(memory.at))
-        self._solve()
-        if memory is not self.memory:  # the recursion has restarted
+        if not self._solve():
             return
         k = self.problem.bodies if self._in_doubt else None
         step = max(distance(root, self.x - x, k) for root in (R, memory.information.R))
@@ -440,7 +446,8 @@ class Recursion:
             return
         self.origin.covariance = widened
         self.memory.replace_prior(self.origin.information(self.memory.at))
-        self._solve()
+        if not self._solve():
+            return
         self.pacing.settled = False
         text = in_words(found) + self.problem.suspicion(self.x)
         self._events.append(("medium", "PRIOR_CONFLICT", text))

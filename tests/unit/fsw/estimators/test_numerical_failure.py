@@ -13,7 +13,8 @@ from fsw.estimators.batch import settle, solver
 from fsw.estimators.batch.run import run_batch
 from fsw.estimators.recursive import recursion
 from fsw.estimators.recursive.online import OnlineEstimator, build_online
-from fsw.messages import Block
+from fsw.estimators.square_root import SquareRootInformation
+from fsw.messages import Block, FloatArray
 from fsw.messages.errors import EstimatorError
 from tests.support.estimator_cases import (
     NODES,
@@ -204,3 +205,33 @@ def test_a_regression_that_meets_its_limit_is_not_ok(monkeypatch: pytest.MonkeyP
     assert run_batch(config, blocks, "mrnea", ())["status"] == "OK"
     monkeypatch.setattr(solver, "MAX_PLAIN_STEPS", 1)
     assert run_batch(config, blocks, "mrnea", ())["status"] == "NOT_CONVERGED"
+
+
+def test_a_restart_in_the_middle_of_a_block_leaves_nothing_of_the_old_residuals(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The regression's residual variance is that of the blocks after the restart alone."""
+    config = make_config(method="mrnea", weighting="ols")
+    online = build_online(config, robot_model())
+    assert isinstance(online, OnlineEstimator)
+    data = noisy_blocks("target", 3, 12.0)
+    for block in data[:12]:
+        online.push(block)
+    assert online.recursion.residual_variance() != 1.0
+    solve, failures = SquareRootInformation.mean, iter([True])
+
+    def fail_once(information: SquareRootInformation) -> FloatArray:
+        if next(failures, False):
+            raise EstimatorError("information is singular")
+        return solve(information)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(SquareRootInformation, "mean", fail_once)
+        online.recursion.fold(data[12])
+    assert [code for _, code, _ in online.events()] == ["ESTIMATOR_RESET"]
+    fresh = build_online(config, robot_model())
+    assert isinstance(fresh, OnlineEstimator)
+    for block in data[13:]:
+        online.push(block)
+        fresh.push(block)
+    assert online.recursion.residual_variance() == fresh.recursion.residual_variance()

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
+from hil.run.bench import span_s
 from hil.world.base_urdf import replace_base
 from hil.world.prior import draw_prior
 from hil.world.scenario import (
@@ -17,6 +18,7 @@ from hil.world.scenario import (
     names,
     report_from,
 )
+from hil.world.spline import JointSpline
 
 INSPECTOR = Path(__file__).parents[4] / "docs" / "inspector"
 
@@ -30,6 +32,15 @@ def test_the_four_scenarios_load():
         assert scenario.verification.is_file(), scenario.verification
         assert scenario.identification != scenario.verification
         assert set(scenario.unknown) <= set(scenario.truth)
+
+
+@pytest.mark.parametrize(("name", "rests"), [("target_leo", True), ("panel_leo", False)])
+def test_liquid_and_panels_swing_on_after_the_motion(name: str, rests: bool):
+    """The plant holds the last state of a robot that rests; a panel must not stop with the arm."""
+    scenario = load(name)
+    assert scenario.rests is rests
+    _, end_s = span_s(scenario, JointSpline.load(scenario.identification))
+    assert (end_s >= 60.0 + scenario.after_s) is not rests
 
 
 def test_the_flight_robot_file_has_the_given_base():

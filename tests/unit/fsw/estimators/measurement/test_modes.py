@@ -192,6 +192,34 @@ def test_a_gated_block_carries_the_modes_on_and_says_nothing() -> None:
     assert np.linalg.slogdet(memory.information.R)[1] > np.linalg.slogdet(seen.R)[1]
 
 
+def test_after_a_pass_the_modes_are_carried_from_its_point_though_blocks_came_meanwhile() -> None:
+    """As by one sweep over all blocks at the pass's point, to the last bit."""
+    problem, blocks = problem_with_modes(), true_blocks(40)
+    rows = row_function("fused", "eiv", problem)
+    x = true_state(problem)
+    first = x.copy()
+    first[problem.mode_frequency] += 0.1
+    prior = SquareRootInformation.from_prior(problem.prior_mean, problem.prior_covariance)
+    memory = Memory(prior, 40)
+    for block in blocks[:6]:
+        memory.add(block, rows(block, first, memory.gained), first, keep=True)
+    memory.begin(x)
+    for block in blocks[6:9]:
+        assert not memory.advance(rows)
+        memory.add(block, rows(block, x, memory.gained), x, keep=True)
+    while not memory.advance(rows):
+        pass
+    before, swept = None, prior
+    for block in blocks[:9]:
+        made = rows(block, x, before)
+        before, swept = made.after, swept.update(made.A, made.b + made.A @ x)
+    assert memory.gained is not None
+    assert before is not None
+    np.testing.assert_array_equal(memory.gained.modes, before.modes)
+    np.testing.assert_array_equal(memory.gained.J_modes, before.J_modes)
+    np.testing.assert_allclose(memory.information.mean(), swept.mean(), rtol=0, atol=1e-6)
+
+
 def test_the_carried_modes_survive_a_snapshot() -> None:
     problem, block = problem_with_modes(), true_blocks(40)[3]
     after = predict(block, true_state(problem), problem).after
