@@ -52,6 +52,7 @@ from fsw.messages.errors import WRONG_CONTENT, ConfigError, brief
 from fsw.service.recorder import CHECKPOINT
 
 BATCH_NS = 400_000_000
+LONGEST_GAP_NS = 3600 * 10**9  # replayed of a gap without messages
 WINDOWS_BATCH_NS = 10 * 10**9  # if only windows are wanted: times of estimates do not matter
 PROGRESS_NS = 10 * 10**9
 CAN_TOPIC = "/can/"
@@ -151,6 +152,15 @@ class RecordingFeed:
             for topic, column in piece.read().items():
                 self._tracks[topic].add(column)
 
+    def next_batch(self, batch_ns: int) -> Iterator[Message]:
+        """Yield the messages of the next `batch_ns`, as `until`.
+
+        Of a gap without messages the last `LONGEST_GAP_NS` are replayed.
+        """
+        nearest_ns = min(self._known_ns, *(track.next_ns() for track in self._tracks.values()))
+        gap_ns = 0 if self.exhausted else nearest_ns - LONGEST_GAP_NS - self.now_ns
+        return self.until(self.now_ns + max(batch_ns, gap_ns))
+
     def until(self, until_ns: int) -> Iterator[Message]:
         """Yield all messages stamped at or before `until_ns`, then the end of the batch.
 
@@ -238,7 +248,7 @@ def replay(
         estimation.dispatcher.identifying, batch_ns = False, WINDOWS_BATCH_NS
     said_ns = start_ns
     while not feed.exhausted:
-        for message in feed.until(feed.now_ns + batch_ns):
+        for message in feed.next_batch(batch_ns):
             estimation.put(message)
             if traffic is not None:
                 traffic.put(message)

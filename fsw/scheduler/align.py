@@ -1,7 +1,8 @@
 """Sorting of samples into windows: all channels over one interval, with missing and stale marks.
 
 Window k holds the samples valid in [t0 + k T, t0 + (k + 1) T) and closes at its end plus the lag.
-The stamps alone decide which samples a window holds, not the times at which the loop ran.
+The stamps alone decide which samples a window holds, not the times at which the loop ran. A jump of
+the clock leaves billions of empty windows; all but `MOST_EMPTY` of such a gap are skipped.
 """
 
 from collections.abc import Sequence
@@ -29,6 +30,7 @@ from fsw.messages import (
 FRESHNESS_PERIODS = 5.0  # a channel silent for longer than this many sample periods is stale
 SPARE_WINDOWS = 3  # a sample valid more than this many windows after its receipt is invalid
 _ONLY = np.zeros(1, np.int64)  # channel index of a kind with one channel
+MOST_EMPTY = 9000  # windows closed in a gap of any length: an hour of windows of 0.4 s
 MAX_WAITING = 16384  # most samples that are not sorted in yet
 
 
@@ -95,6 +97,10 @@ class _Bins:
         self._counts[index] = np.minimum(counts, self._max_counts)
         self._parts[index].append((channel, t_ns, values))
         return int(np.maximum(excess, 0).sum())
+
+    def first(self) -> int | None:
+        """Return the index of the first window that holds samples; None if none does."""
+        return min(self._parts, default=None)
 
     def close(self, index: int, stop_ns: int) -> tuple[ChannelWindow, ...]:
         """Close a window and return its samples of every channel."""
@@ -167,6 +173,7 @@ class Aligner:
         if thrusters:
             self._late["thrusters"] = 0
         self._early = self._future = self._overflow = 0
+        self.skipped = 0  # empty windows of gaps that were skipped
 
     @property
     def started(self) -> bool:
@@ -270,16 +277,30 @@ class Aligner:
     def close(self, now_ns: int, limit: int | None = None) -> list[Window]:
         """Close and return every window whose deadline has come; an empty one is marked missing.
 
-        Windows from index `limit` on stay open.
+        Windows from index `limit` on stay open. Of a longer gap the last MOST_EMPTY windows are
+        returned.
         """
         windows: list[Window] = []
-        if self._t0_ns is None:
+        if self._t0_ns is None or self._deadline(self._next) > now_ns:
             return windows
-        if self._deadline(self._next) <= now_ns:
-            self._sort_in()
-        while self._deadline(self._next) <= now_ns and (limit is None or self._next < limit):
+        self._sort_in()
+        stop = (now_ns - self._lag_ns - self._t0_ns) // self._window_ns
+        stop = stop if limit is None else min(stop, limit)
+        while self._next < stop:
+            if stop - self._next > MOST_EMPTY:
+                self._skip_gap(stop)
             windows.append(self._close_next(self._t0_ns))
         return windows
+
+    def _skip_gap(self, stop: int) -> None:
+        """Skip empty windows before the next one with samples, all but the last MOST_EMPTY."""
+        kinds = (self._joints, self._gyro, self._acc, self._wheels, self._thrusters, self._attitude)
+        held = [bins.first() for bins in kinds if bins is not None]
+        filled = min((index for index in held if index is not None), default=stop)
+        following = min(filled, stop) - MOST_EMPTY
+        if following > self._next:
+            self.skipped += following - self._next
+            self._next = following
 
     def _close_next(self, t0_ns: int) -> Window:
         index = self._next

@@ -202,7 +202,10 @@ class Estimation(NullSink):
         if self._end_ns is not None and self.counts_from_ns <= self._end_ns < end.now_ns:
             self._sampled.add(self._now_ns() - self._end_ns)
         self._end_ns = end.now_ns
+        skipped = align.skipped
         due = align.close(end.now_ns, self.window_limit)
+        if align.skipped > skipped:
+            self._skipped(align.skipped - skipped)
         if self.dispatcher.is_idle:
             with self._begun_again():
                 self._pass_on(due)
@@ -213,6 +216,12 @@ class Estimation(NullSink):
         self._hand_over(end.now_ns)
         if self._keep_ns is not None and end.now_ns - self._kept_ns >= self._keep_ns:
             self._keep()
+
+    def _skipped(self, windows: int) -> None:
+        self.unusable_windows += windows
+        gap_s = windows * self._config.estimator.window_s
+        text = f"no sample for {gap_s:.6g} s: {windows} windows skipped; did the clock jump?"
+        self._report("medium", "WINDOWS_SKIPPED", text)
 
     def _pass_on(self, windows: Sequence[Window]) -> None:
         """Put the blocks of windows that do not reach the estimator into the sink."""

@@ -24,6 +24,7 @@ _TABLE: tuple[tuple[int, str, Severity, str], ...] = (
     (15, "ESTIMATION_LOST", _HIGH, "the estimation process has ended"),
     (16, "ESTIMATION_BACK", _MEDIUM, "the estimation process is at work again"),
     (17, "ESTIMATION_DROPS", _HIGH, "traffic was lost between loop and estimation"),
+    (18, "WINDOWS_SKIPPED", _MEDIUM, "a gap without samples was skipped; did the clock jump?"),
     (20, "ESTIMATOR_RESET", _HIGH, "the estimate was not proper and began again at the prior"),
     (21, "CHANGE_DETECTED", _MEDIUM, "the parameters changed; the estimate was re-opened"),
     (22, "NOISE_ABOVE_DECLARED", _MEDIUM, "residuals are larger than the declared noise"),

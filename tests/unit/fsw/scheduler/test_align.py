@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from fsw.messages import ImuSamples, JointSamples
-from fsw.scheduler.align import Aligner
+from fsw.scheduler.align import MOST_EMPTY, Aligner
 from tests.conftest import ArmProject
 from tests.support.loop_cases import MS, arm_config
 from tests.support.samples import attitude_samples, imu_samples, joint_samples
@@ -145,3 +145,26 @@ def test_the_first_window_that_begins_from_a_time_on(aligner: Aligner):
     assert first == [0, 0, 1, 1, 2]
     aligner.close(T0 + 3 * WINDOW + LAG)
     assert aligner.first_after(T0) == aligner.next_index == 3
+
+
+def test_a_jump_of_the_clock_leaves_a_bounded_number_of_windows(aligner: Aligner):
+    years = 1_700_000_000 * 1000 * MS
+    aligner.push(joint(T0 + 1 * MS))
+    aligner.push(joint(T0 + years))
+    windows = aligner.close(T0 + years + WINDOW + LAG)
+    index = years // WINDOW
+    assert [windows[0].index, windows[-1].index] == [0, index]
+    assert len(windows) == 1 + MOST_EMPTY + 1
+    assert windows[-1].start_ns <= T0 + years < windows[-1].stop_ns
+    assert windows[-1].joints[0].t_ns.tolist() == [T0 + years]
+    assert aligner.skipped == index - 1 - MOST_EMPTY
+    assert aligner.next_index == index + 1
+
+
+def test_no_window_of_a_shorter_gap_is_skipped(aligner: Aligner):
+    end = T0 + (MOST_EMPTY + 1) * WINDOW
+    aligner.push(joint(T0 + 1 * MS))
+    aligner.push(joint(end))
+    windows = aligner.close(end + WINDOW + LAG)
+    assert [window.index for window in windows] == list(range(MOST_EMPTY + 2))
+    assert aligner.skipped == 0
