@@ -196,13 +196,10 @@ def _replay(arguments: argparse.Namespace) -> int:
     with Progress("replay") as progress:
         result = replay(recording, robot, **span, progress=progress)
     print(json.dumps(result.to_json()) if arguments.json else result.to_text())
-    for source, counts in result.status["samples"].items():
-        if not counts["accepted"]:
-            text = f"{counts['received']} samples and {counts['received_bytes']} bytes received"
-            print(f"fsw: warning: {source}: nothing usable; {text}", file=sys.stderr)
-    if result.truncated:
-        print(f"fsw: warning: {result.cut_off()}", file=sys.stderr)
-    return 0 if result.estimate is not None and result.estimate.valid else FAILED_EXIT
+    for line in result.warnings():
+        print(f"fsw: warning: {line}", file=sys.stderr)
+    valid = result.estimate is not None and result.estimate.valid and not result.missed
+    return 0 if valid else FAILED_EXIT
 
 
 def _report(arguments: argparse.Namespace) -> int:
@@ -234,9 +231,10 @@ def _report(arguments: argparse.Namespace) -> int:
             progress=progress,
         )
     print("\n".join([written.verdict, *map(str, written.paths)]))
-    if written.result.truncated and recording != LIVE:
-        print(f"fsw: warning: {written.result.cut_off()}", file=sys.stderr)
-    return 0 if written.valid else FAILED_EXIT
+    for line in written.result.warnings():
+        if recording != LIVE:
+            print(f"fsw: warning: {line}", file=sys.stderr)
+    return 0 if written.valid and not written.result.missed else FAILED_EXIT
 
 
 def _view(arguments: argparse.Namespace) -> int:
@@ -294,11 +292,16 @@ def _import(arguments: argparse.Namespace) -> int:
     if arguments.out is None:
         raise ConfigError("--out: missing; where shall the recording go?")
     from fsw.commands.importing import import_recording
+    from fsw.commands.replay import unused_of
 
     config = _checked(_config(arguments))
     with Progress("import") as progress:
         written = import_recording(arguments, config, progress)
+        progress("judging what can be used of it")
+        unused = unused_of(arguments.out, config)
     print("\n".join(written))
+    for line in unused:
+        print(f"fsw: warning: {line}", file=sys.stderr)
     return 0
 
 

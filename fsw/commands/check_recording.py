@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 from fsw.checks.mistakes import LARGE, Verdict, explain_residuals
 from fsw.checks.recorded import noise_findings, rate_findings, tracker_findings
@@ -9,6 +10,7 @@ from fsw.commands.nodes import Nodes
 from fsw.commands.replay import replay, topics_of
 from fsw.commands.span import WHOLE, Span
 from fsw.commands.stamp_checks import stamp_findings
+from fsw.commands.unused import unused_sensors
 from fsw.commands.watching import Watching
 from fsw.config import Config
 from fsw.estimators.model.building import joint_order
@@ -48,10 +50,12 @@ def check_recording(
     wrong = len(lines)
     if result.truncated:
         lines.append(result.cut_off())
-    for source, counts in result.status["samples"].items():
-        if not counts["accepted"]:
-            lines.append(f"WRONG: {source}: {_unusable(source, counts)}")
-            wrong += 1
+    unused = unused_sensors(result.status)
+    lines += [
+        f"WRONG: {source}: {words}{_advice(source, result.status)}"
+        for source, words in unused.items()
+    ]
+    wrong += len(unused)
     datagrams = result.status["samples"].get("imu", {"received": 0})["received"]
     findings = rate_findings(config, watching.windows, datagrams) if watching.windows else []
     if len(watching.made) >= FEW_BLOCKS:
@@ -73,14 +77,16 @@ def check_recording(
     return lines, not (wrong or turned or told or verdict.before > LARGE)
 
 
-def _unusable(source: str, counts: Mapping[str, int]) -> str:
-    """Return the counts of a source without a usable sample, and what the user should check."""
-    words = f"nothing usable; {counts['received']} samples, {counts['received_bytes']} bytes"
+def _advice(source: str, status: Mapping[str, Any]) -> str:
+    """Return what the user should look at, unless it is known what the device does not send."""
+    counts = status["samples"][source]
+    if source in status["lacks"] or counts["accepted"]:
+        return ""
     if source not in (IMU, STAR_TRACKER):
-        return f"{words}; compare node numbers and format of joints[] with the nodes"
+        return "; compare node numbers and format of joints[] with the nodes"
     if not counts["received_bytes"]:
-        return f"{words}; was it switched on, and its port right?"
-    return f"{words}; compare {source}.baud_rate and {source}.driver with the device"
+        return "; was it switched on, and its port right?"
+    return f"; compare {source}.baud_rate and {source}.driver with the device"
 
 
 def _residual_words(verdict: Verdict, config: Config) -> str:

@@ -13,6 +13,7 @@ from fsw.commands.replay import replay
 from fsw.commands.replay_result import ReplayResult, known_by, with_sigma
 from fsw.commands.report.collect import Collector
 from fsw.commands.span import WHOLE, Span
+from fsw.commands.unused import missed
 from fsw.config import Config
 from fsw.estimators.batch.run import run_batch
 from fsw.estimators.batch.screening import fits_throughout, screened
@@ -86,10 +87,12 @@ def identify(
         progress=tell,
         windows_only=alone and chosen.estimator.outside_wrench == "ignore",
     )
-    warnings = [*([result.cut_off()] if result.truncated else []), *nodes.findings()]
+    warnings = [*result.warnings(), *nodes.findings()]
     if not any(map(plausible, collector.blocks)):
         why = warnings or ["fsw check CONFIG RECORDING says why"]
         raise EstimatorError(f"{recording}: no window can be used; {'; '.join(why)}")
+    if lines := missed(result.status, chosen, method):
+        raise EstimatorError(f"{recording}: {'; '.join(lines)}")
     names = tuple(chosen.unknown)
     empty = Collector()
     if reference is not None:
@@ -180,11 +183,8 @@ def to_text(result: Mapping[str, Any]) -> str:
         lines.append("the motion does not show every parameter: fsw excite plans one that does")
     if result.get("note"):
         lines.append(f"note: {result['note']}")
-    lines += result.get("warnings", ())
     lines += [
-        f"{source}: NOTHING USABLE; {n['received']} samples, {n['received_bytes']} bytes received"
-        for source, n in result.get("samples", {}).items()
-        if not n["accepted"]
+        line.replace("nothing usable", "NOTHING USABLE") for line in result.get("warnings", ())
     ]
     for body, estimate in result["estimate"].items():
         for key, mean in estimate.items():

@@ -14,6 +14,7 @@ import numpy as np
 from fsw.clock import MonotonicClock
 from fsw.commands.replay_result import ReplayResult
 from fsw.commands.span import WHOLE, Span
+from fsw.commands.unused import missed, unused_lines
 from fsw.config import Config
 from fsw.drivers.wire import NO_FRAMES, ByteChunk, FrameArray, joined
 from fsw.estimators.pipeline import Pipeline
@@ -261,13 +262,14 @@ def replay(
     if not estimation.aligner.started:
         raise ConfigError(f"{recording}: no SYNC frame (0x080) on {', '.join(topics)}")
     estimation.apply_planned(estimation.aligner.next_index)
-    estimate = estimation.shutdown()
+    estimate, status = estimation.shutdown(), estimation.status()
     return ReplayResult(
         diagnosis=estimation.diagnosis() if estimate is not None else None,
         estimate=estimate,
         unknown=tuple(config.unknown),
         method=estimate.method if estimate is not None else config.estimator.method,
-        status=estimation.status(),
+        status=status,
+        missed=missed(status, config, config.estimator.method),
         truncated=held.truncated,
         dropped=int(held.metadata.get("recorder", {}).get("dropped", "0")),
         wall_s=(wall.now_ns() - began_ns) * 1e-9,
@@ -275,6 +277,14 @@ def replay(
         start_ns=start_ns,
         duration_s=(feed.now_ns - start_ns) * 1e-9,
     )
+
+
+def unused_of(recording: Path, config: Config) -> list[str]:
+    """Return a line for each sensor of which a new recording has nothing that can be used."""
+    try:
+        return unused_lines(replay(recording, config, windows_only=True).status)
+    except ConfigError as error:
+        return str(error).splitlines()
 
 
 def topics_of(config: Config, held: Sequence[str]) -> list[str]:

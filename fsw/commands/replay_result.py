@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from fsw.commands.unused import unused_lines
 from fsw.estimators.parameter_verdicts import in_words
 from fsw.exchange.status import estimate_summary
 from fsw.messages import Estimate, Event
@@ -23,6 +24,7 @@ class ReplayResult:
     status: Mapping[str, Any]
     truncated: bool
     dropped: int  # messages that the recorder did not write
+    missed: Sequence[str] = ()  # a line for each needed sensor of which nothing can be used
     wall_s: float
     diagnosis: Mapping[str, Any] | None = None  # None: no estimate to judge
     events: Sequence[Event] = ()
@@ -32,6 +34,14 @@ class ReplayResult:
     def cut_off(self) -> str:
         """Return the warning for a recording that is `truncated`."""
         return f"the recording is cut off at its end; {self.duration_s:.1f} s of it were read"
+
+    def warnings(self) -> list[str]:
+        """Return a line for a cut-off recording, and for each sensor of which nothing is used."""
+        unused = [line for line in unused_lines(self.status) if not self._is_missed(line)]
+        return [*([self.cut_off()] if self.truncated else []), *self.missed, *unused]
+
+    def _is_missed(self, line: str) -> bool:
+        return any(missed.startswith(line) for missed in self.missed)
 
     def to_json(self) -> dict[str, Any]:
         """Return plain values under the keys that all commands use."""
@@ -57,6 +67,7 @@ class ReplayResult:
                 }
                 for event in self.events
             ],
+            "warnings": self.warnings(),
             "truncated": self.truncated,
             "dropped": self.dropped,
             "wall_s": self.wall_s,

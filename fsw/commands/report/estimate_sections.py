@@ -27,13 +27,8 @@ def result(c: Collected) -> Section:
                 rows.append((name, _named(words, part), f"{value:.6g}", f"{one:.2g}", unit))
     verdicts = (result.diagnosis or {}).get("verdict", {})
     text = [*verdicts.values(), "Inertia is about the centre of mass, in the axes of the body."]
-    if result.truncated and c.daemon is None:
-        text.append("The recording is cut off at its end.")
-    text += [
-        f"{source}: nothing usable; {counts['received']} samples received."
-        for source, counts in result.status["samples"].items()
-        if not counts["accepted"]
-    ]
+    cut_off = [result.cut_off()] if result.truncated and c.daemon is not None else []
+    text += [f"{line}." for line in result.warnings() if line not in cut_off]
     head = ("body", "quantity", "estimate", "1 sigma", "unit")
     return Section(title="Result", text=text, tables=[Table(head=head, rows=rows)])
 

@@ -49,6 +49,10 @@ class ImuCodec(Protocol):
         """Decode a whole frame; return None for a valid frame without a measurement."""
         ...
 
+    def lacks(self) -> str:
+        """Return words on the data that no frame has had so far; empty: none is missing."""
+        ...
+
     def run(self, chunks: Sequence[ByteChunk]) -> ImuRun | None:
         """Decode leading chunks of usable datagrams without feeding them; None if none."""
         ...

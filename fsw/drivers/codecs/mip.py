@@ -57,6 +57,10 @@ class MipMatcher:
         return length if good else -1
 
 
+def _listed(descriptors: set[int]) -> str:
+    return " ".join(f"0x{descriptor:02x}" for descriptor in sorted(descriptors)) or "nothing"
+
+
 class MipCodec:
     """Stream codec: `framer` finds packets, `decode` turns one into an `ImuDatagram`."""
 
@@ -65,10 +69,36 @@ class MipCodec:
 
     def __init__(self) -> None:
         self.framer = Framer(MipMatcher())
+        self._sets: set[int] = set()  # descriptor sets of all packets
+        self._fields: set[int] = set()  # descriptors of all fields in sensor data
+
+    def lacks(self) -> str:
+        """Return words on the fields that no packet has had so far; empty: none is missing."""
+        if not self._sets:
+            return ""
+        if SET_SENSOR_DATA not in self._sets:
+            return f"no sensor data (set 0x80), found {_listed(self._sets)}"
+        if FIELD_REFERENCE_TIME not in self._fields:
+            return f"packets have no reference time (field 0xD5), found {_listed(self._fields)}"
+        missing = {
+            name: field
+            for name, field in (("rate", FIELD_RATE), ("acceleration", FIELD_ACCELERATION))
+            if field not in self._fields
+        }
+        if not missing:
+            return ""
+        fields = ", ".join(f"0x{field:02x}" for field in missing.values())
+        others = self._fields - {FIELD_REFERENCE_TIME}
+        plural = "s" * (len(missing) > 1)
+        return f"no {' and '.join(missing)} (field{plural} {fields}), found {_listed(others)}"
 
     def decode(self, frame: Frame) -> ImuDatagram | Reject | None:
-        """Decode sensor data; reject a packet without reference time; None for other packets."""
+        """Decode sensor data; reject a packet without reference time.
+
+        Returns None for other packets, such as those of other sets, or of a magnetometer.
+        """
         data = frame.data
+        self._sets.add(data[2])
         if data[2] != SET_SENSOR_DATA:
             return None
         time_ns: int | None = None
@@ -80,6 +110,7 @@ class MipCodec:
             if size < 2 or at + size > end:
                 return Reject.LENGTH
             descriptor, body = data[at + 1], data[at + 2 : at + size]
+            self._fields.add(descriptor)
             if descriptor in (FIELD_ACCELERATION, FIELD_RATE) and len(body) == _FLOATS.size:
                 x, y, z = _FLOATS.unpack(body)
                 if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(z)):
@@ -94,6 +125,8 @@ class MipCodec:
             at += size
         if time_ns is None:
             return Reject.STALE
+        if rate is None and force is None:
+            return None
         return ImuDatagram(time_ns, 0.0, rate, force, 0, 0)
 
     def run(self, chunks: Sequence[ByteChunk]) -> None:

@@ -243,6 +243,10 @@ class Stim300Codec:
             acc_status,
         )
 
+    def lacks(self) -> str:
+        """Return nothing: every datagram has a counter and rates."""
+        return ""
+
     def run(self, chunks: Sequence[ByteChunk]) -> ImuRun | None:
         """Decode the leading chunks of intact datagrams of one kind with status 0; else None."""
         count, length = self.framer.peek(chunks)

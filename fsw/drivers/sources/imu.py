@@ -80,6 +80,7 @@ class ImuSource:
         self._watch = LineWatch(IMU_LINE, SUBJECT, 1e9 / config.rate_hz, health.silent_periods)
         self._jitter_ns = health.jitter_s * 1e9
         self._late = 0  # bit i: the i-th newest sample was late
+        self._has_rate = self._has_force = False  # whether any sample had usable ones
 
     @property
     def counters(self) -> dict[str, int]:
@@ -92,13 +93,21 @@ class ImuSource:
         """Fitted rate error of the unit's clock."""
         return self._clock.rate_error_ppm
 
+    def lacks(self) -> str:
+        """Return words on data that the unit has never sent, or never usable; empty: none."""
+        if (words := self._codec.lacks()) or not self._counts.accepted:
+            return words
+        given = {"rates": self._has_rate, "accelerations": self._has_force}
+        missing = " and ".join(name for name, is_given in given.items() if not is_given)
+        return f"no usable {missing} in any datagram" if missing else ""
+
     def findings(self) -> list[Finding]:
         """Return the findings since the last call."""
         return self._watch.take()
 
     def watch(self, now_ns: int, *, up: bool) -> None:
         """Find out whether the unit is silent; call this after feeding all that was received."""
-        self._watch.watch(now_ns, up=up)
+        self._watch.watch(now_ns, up=up, words=self._codec.lacks())
 
     def feed(self, chunks: Sequence[ByteChunk]) -> ImuSamples:
         """Accept chunks in order and return the samples they complete."""
@@ -164,6 +173,7 @@ class ImuSource:
         self._watch.followed(run.chunks[-1].t_ns)
         self._counts.accepted += len(w)
         self._counts.accepted_bytes += len(w) * run.length
+        self._has_rate = self._has_force = True
         return ImuSamples(
             t_ns + np.rint(sent_ns - self._gyro_delay_ns).astype(np.int64),
             t_ns + np.rint(sent_ns - self._acc_delay_ns).astype(np.int64),
@@ -212,7 +222,8 @@ class ImuSource:
                 self._counts.accepted_bytes += len(frame.data)
             elif isinstance(datagram, Reject):
                 self._counts.reject(datagram, len(frame.data))
-                self._watch.refused(frame.pieces[-1].t_ns, frame.skipped)
+                if datagram is not Reject.STALE:  # without a time, it is none of the counted ones
+                    self._watch.refused(frame.pieces[-1].t_ns, frame.skipped)
             elif self._is_in_range(datagram):
                 good.append((frame, datagram))
             else:
@@ -311,6 +322,8 @@ class ImuSource:
                 base_ns,
             )
             rate, force = datagram.w_NS_S_rad_s, datagram.f_NS_S_m_s2
+            self._has_rate |= rate is not None
+            self._has_force |= force is not None
             samples.append(
                 (times_ns, UNUSABLE if rate is None else rate, UNUSABLE if force is None else force)
             )

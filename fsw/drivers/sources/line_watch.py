@@ -12,6 +12,7 @@ from fsw.messages.findings import Fault, Finding
 ESCAPED_RATIO = 1.2  # escapes lengthen a frame by less than this
 MAX_FINDINGS = 1024  # kept until `take`; the oldest are discarded
 REPEAT_NS = 100_000_000  # a silence that continues is reported again after this time
+START_NS = 5_000_000_000  # a device may take this long from the opened port to its first frame
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +55,8 @@ class LineWatch:
         self._faults, self._subject = faults, subject
         self._silent_periods = silent_periods
         self._silent_ns = round(silent_periods * period_ns)
-        self._last_ns: int | None = None
+        self._last_ns: int | None = None  # of a frame; None: there is none since the port's opening
+        self._opened_ns: int | None = None
         self._reported_ns = 0
         self._skipped = 0
         self._refused = 0
@@ -73,7 +75,9 @@ class LineWatch:
 
     def refused(self, t_ns: int, skipped: int) -> None:
         """Count an intact frame that was not used, and the bytes skipped before it."""
-        if self._last_ns is not None:  # a line that sends refused frames is not silent
+        if self._last_ns is None:
+            self._opened_ns = t_ns
+        else:  # a line that sends refused frames is not silent
             self._last_ns = t_ns
         self._refused += 1
         self._skipped += skipped
@@ -116,13 +120,21 @@ class LineWatch:
         else:
             self.find(t_ns, self._faults.noise, f"{skipped} bytes of no frame")
 
-    def watch(self, now_ns: int, *, up: bool) -> None:
-        """Report the line if it is silent; without its port (not `up`) it is not judged."""
+    def watch(self, now_ns: int, *, up: bool, words: str = "") -> None:
+        """Report the line if it is silent; without its port (not `up`) it is not judged.
+
+        `words` say what the frames of a line lack that has never given a usable one.
+        """
         if not up:
-            self._last_ns, self._excused = None, True
-        if self._last_ns is None or now_ns - self._last_ns < self._silent_ns:
+            self._last_ns, self._opened_ns, self._excused = None, None, True
             return
-        if now_ns - self._reported_ns >= REPEAT_NS:
-            self._reported_ns = now_ns
-            text = f"nothing usable for {(now_ns - self._last_ns) * 1e-9:.3f} s"
-            self.find(now_ns, self._faults.silent, text)
+        if self._opened_ns is None:
+            self._opened_ns = now_ns
+        since_ns, silent_ns = self._last_ns, self._silent_ns
+        if since_ns is None:
+            since_ns, silent_ns = self._opened_ns, max(START_NS, self._silent_ns)
+        if now_ns - since_ns < silent_ns or now_ns - self._reported_ns < REPEAT_NS:
+            return
+        self._reported_ns = now_ns
+        text = f"nothing usable for {(now_ns - since_ns) * 1e-9:.3f} s"
+        self.find(now_ns, self._faults.silent, f"{text}; {words}" if words else text)

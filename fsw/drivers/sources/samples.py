@@ -57,6 +57,10 @@ class SampleSource:
         """Counters of samples and bytes."""
         return self._counts.as_dict()
 
+    def lacks(self) -> str:
+        """Return nothing: the import has already reported missing columns."""
+        return ""
+
     def findings(self) -> Sequence[Finding]:
         """Return no finding: the import has already reported faults of the stamps."""
         return ()

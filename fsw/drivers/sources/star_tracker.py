@@ -88,6 +88,10 @@ class StarTrackerSource:
         """Counters of samples and bytes."""
         return serial_counters(self._counts, self._codec.framer)
 
+    def lacks(self) -> str:
+        """Return nothing: a solution has all data that are used."""
+        return ""
+
     def findings(self) -> list[Finding]:
         """Return the findings since the last call."""
         return self._watch.take()

@@ -83,6 +83,10 @@ class ChunkSource(Protocol):
         """Counters by name."""
         ...
 
+    def lacks(self) -> str:
+        """Return words on data that the device has never sent; empty: none is missing."""
+        ...
+
     def feed(self, chunks: Sequence[ByteChunk]) -> Samples:
         """Decode chunks in order."""
         ...
@@ -179,6 +183,11 @@ def sample_status(
         "samples": {
             name: source_samples(channel.source.counters, late[name])
             for name, channel in channels.items()
+        },
+        "lacks": {
+            name: words
+            for name, channel in channels.items()
+            if isinstance(channel, LineChannel) and (words := channel.source.lacks())
         },
         "joints": {name: slow for b in buses for name, slow in b.source.motor_side().items()},
         "late_joints": {joint.name: late[joint.name] for joint in config.joints},

@@ -1,5 +1,6 @@
 import struct
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -51,6 +52,41 @@ def test_packets_without_time_or_of_other_sets_are_no_samples() -> None:
     assert decode(mip([(0x05, bytes(12))])) == [Reject.STALE]
     assert decode(mip([(0xF1, b"\x01\x00")], 0x01)) == [None]
     assert decode(mip([(0x05, struct.pack(">3f", float("nan"), 0, 0))])) == [Reject.RANGE]
+
+
+VECTOR, TIME = bytes(12), (0xD5, bytes(8))
+
+
+@pytest.mark.parametrize(
+    ("packets", "words"),
+    [
+        ([], ""),
+        ([mip([(0x04, VECTOR), (0x05, VECTOR), TIME])], ""),
+        ([mip([(0x04, VECTOR), TIME]), mip([(0x05, VECTOR), TIME])], ""),
+        (
+            [mip([(0x04, VECTOR), (0x05, VECTOR), (0x12, VECTOR)])],
+            "packets have no reference time (field 0xD5), found 0x04 0x05 0x12",
+        ),
+        (
+            [mip([(0x07, VECTOR), (0x08, VECTOR), TIME])],
+            "no rate and acceleration (fields 0x05, 0x04), found 0x07 0x08",
+        ),
+        ([mip([(0x05, VECTOR), TIME])], "no acceleration (field 0x04), found 0x05"),
+        ([mip([(0x04, VECTOR), TIME])], "no rate (field 0x05), found 0x04"),
+        ([mip([TIME])], "no rate and acceleration (fields 0x05, 0x04), found nothing"),
+        ([mip([TIME, (0x10, bytes(6))], 0x82)], "no sensor data (set 0x80), found 0x82"),
+    ],
+)
+def test_a_stream_without_a_needed_field_says_which(packets: list[bytes], words: str) -> None:
+    codec = MipCodec()
+    for data in packets:
+        for frame in codec.framer.feed(ByteChunk(0, data)):
+            codec.decode(frame)
+    assert codec.lacks() == words
+
+
+def test_a_packet_without_rate_and_acceleration_is_no_sample() -> None:
+    assert decode(mip([TIME, (0x06, VECTOR)])) == [None]
 
 
 @given(st.binary(max_size=400))

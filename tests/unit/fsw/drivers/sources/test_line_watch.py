@@ -55,6 +55,23 @@ def test_silence_is_told_after_three_periods_and_again_while_it_lasts() -> None:
     assert told == [3, 53, 103]
 
 
+def test_a_line_that_never_gives_a_usable_frame_is_silent_after_five_seconds() -> None:
+    tested, told = watch(), []
+    for k in range(60):
+        tested.watch(10**9 + k * 10**8, up=True, words="no time")
+        told += [(k, finding.text) for finding in tested.take()]
+    assert [k for k, _ in told] == list(range(50, 60))
+    assert told[0][1] == "nothing usable for 5.000 s; no time"
+
+
+def test_a_line_that_sends_refused_frames_from_the_start_is_not_silent() -> None:
+    tested = watch()
+    for k in range(100):
+        tested.refused(k * 10**8, 0)
+        tested.watch(k * 10**8, up=True)
+    assert tested.take() == []
+
+
 def test_a_line_without_its_port_is_not_silent() -> None:
     tested = watch()
     tested.accepted(10**9, 0, 0, LENGTH)
