@@ -36,6 +36,7 @@ EXPLAINS: Mapping[Fault, frozenset[Fault]] = {
     Fault.NODE_UNKNOWN: _NODE,
     Fault.JOINT_SILENT: _NODE | {Fault.ENCODER_JUMP},
     Fault.NODE_RESTARTED: _NODE,
+    Fault.NODE_CONTESTED: frozenset({Fault.JOINT_DUPLICATE, Fault.JOINT_LOST, Fault.ENCODER_JUMP}),
     Fault.IMU_SILENT: frozenset(
         {
             Fault.IMU_COUNTER,

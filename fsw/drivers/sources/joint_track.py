@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
-from math import tau
+from math import isnan, tau
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from fsw.messages import FloatArray, IntArray
 from fsw.messages.findings import Fault
 
 HISTORY_SYNCS = 1024  # SYNCs for which accepted samples are remembered
+CONTESTED_S = 1.0  # after two different answers to one SYNC, no answer of the node is accepted
 CHAIN = 3  # consecutive samples that are consistent with one another ...
 CHAIN_S = 0.1  # ... over at least this time are accepted, even if far from the last accepted one
 SLACK_SIGMAS = 10.0
@@ -75,6 +76,9 @@ class JointTrack:
         self._slack_rad += config.speed_limit_rad_s * period_s
         self._encoder = EncoderWatch(period_s, config.speed_limit_rad_s, self._slack_rad)
         self._most_rad_s = most_rad_s(config)
+        self._contested = round(CONTESTED_S / period_s)
+        self._contested_until = -1  # SYNC up to which no sample is accepted
+        self._answer = (0.0, 0.0)  # position [rad] and torque [N m] of the newest SYNC
         self._chain = 0
         self._chain_start_ns = 0
         self._doubted_t_ns = 0
@@ -90,15 +94,24 @@ class JointTrack:
         """Whether nothing is doubted, newest SYNC, its time [ns], position [rad], rate [rad/s]."""
         t_ns, position_rad, rate = self._encoder.newest
         clean = self.first_sync >= 0 and self._encoder.is_steady and t_ns == self._last_t_ns
+        clean &= self._newest >= self._contested_until
         return clean, self._newest, t_ns, position_rad, rate
 
     def follow(
-        self, sync: int, t_ns: int, position_rad: float, rate: float, count: int, equal: int
+        self,
+        sync: int,
+        t_ns: int,
+        position_rad: float,
+        torque_nm: float,
+        rate: float,
+        count: int,
+        equal: int,
     ) -> None:
         """Accept a regular batch by the values at its end; see `EncoderWatch.follow`."""
         self._encoder.follow(t_ns, position_rad, rate, count, equal)
         self._seen = (self._seen << count | (1 << count) - 1) & _MASK
         self._newest, self._last_t_ns, self._last_rad = sync, t_ns, position_rad
+        self._answer = position_rad, torque_nm
         self._chain = 0
 
     def settle(self, first: int, stop: int) -> None:
@@ -122,7 +135,8 @@ class JointTrack:
         """Judge calibrated values in order: return which are refused and accept the others.
 
         A node's frames never overtake one another, so a sample of an older SYNC is refused. A NaN
-        torque is not judged.
+        torque is not judged. A bus that repeats a frame repeats its content; two different answers
+        to one SYNC come from two nodes of one id, so no further answer is accepted for a while.
         """
         refused: list[Refused] = []
         limit_nm = self.config.torque_limit_nm
@@ -131,7 +145,17 @@ class JointTrack:
         for k, (sync, time_ns, position, torque, timely) in enumerate(rows):
             first = self.first_sync < 0
             if not first and sync <= self._newest:
-                refused.append((k, Reject.SEQUENCE, None))
+                differs = sync == self._newest and (position, torque) != self._answer
+                if differs and not (isnan(torque) and position == self._answer[0]):
+                    self._contested_until = sync + self._contested
+                    refused.append((k, Reject.SEQUENCE, Fault.NODE_CONTESTED))
+                else:
+                    refused.append((k, Reject.SEQUENCE, None))
+                continue
+            if sync <= self._contested_until:
+                refused.append((k, Reject.SEQUENCE, Fault.NODE_CONTESTED))
+                self._seen = (self._seen << (sync - self._newest)) & _MASK
+                self._newest, self._answer = sync, (position, torque)
                 continue
             if torque > limit_nm or torque < -limit_nm:
                 refused.append((k, Reject.RANGE, Fault.TORQUE_RANGE))
@@ -153,7 +177,7 @@ class JointTrack:
             if first:
                 self.first_sync = self._newest = sync
             self._seen = (self._seen << (sync - self._newest) | timely) & _MASK
-            self._newest = sync
+            self._newest, self._answer = sync, (position, torque)
             self._last_t_ns, self._last_rad = time_ns, position
             self._chain = 0
         return refused
@@ -301,6 +325,7 @@ class JointTracks:
             r.sync[ends].tolist(),
             r.t_ns[ends].tolist(),
             r.position_rad[ends].tolist(),
+            r.torque_nm[ends].tolist(),
             mean.tolist(),
             counts.tolist(),
             equal.tolist(),
