@@ -34,6 +34,8 @@ ForceNoise = Annotated[float, Field(ge=SMALLEST, le=1e4, allow_inf_nan=False)]
 AngleNoise = Annotated[float, Field(ge=SMALLEST, le=1.0, allow_inf_nan=False)]
 SpeedNoise = Annotated[float, Field(ge=SMALLEST, le=10.0, allow_inf_nan=False)]
 RandomWalk = Annotated[float, Field(ge=SMALLEST, le=10.0, allow_inf_nan=False)]  # of rate, velocity
+RotorSigma = Annotated[float, Field(ge=0, le=1e4, allow_inf_nan=False)]  # 0: not estimated
+Periods = Annotated[float, Field(gt=0, le=1e4, allow_inf_nan=False)]  # in a turn
 TorqueSigma = Annotated[float, Field(ge=0, le=1e4, allow_inf_nan=False)]  # 0: not estimated
 ForceSigma = Annotated[float, Field(ge=0, le=1e4, allow_inf_nan=False)]
 MomentumSigma = Annotated[float, Field(ge=0, le=1e6, allow_inf_nan=False)]

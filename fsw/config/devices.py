@@ -29,12 +29,14 @@ from fsw.config.base import (
     Gain,
     Length,
     Matrix3,
+    Periods,
     Position,
     Positive,
     Quaternion,
     RandomWalk,
     Rate,
     RateSigma,
+    RotorSigma,
     ScaleSigma,
     Section,
     SlowRate,
@@ -92,8 +94,17 @@ WITHOUT_TORQUE = {  # values for a joint without torque sensor: the noise makes 
     "torque_scale_sigma_ratio": 0.0,
     "friction_coulomb_sigma_nm": 0.0,
     "friction_viscous_sigma_nms_rad": 0.0,
+    "rotor_inertia_sigma_kg_m2": 0.0,
+    "ripple_sigma_nm": 0.0,
+    "ripple_periods": (),
     "torque_model_sigma_nm": 0.0,
 }
+OF_MOTOR_CURRENT = {  # wide priors of what stands between motor and link, as shares of the limit
+    "friction_coulomb_sigma_nm": 0.1,
+    "friction_viscous_sigma_nms_rad": 0.1,
+    "rotor_inertia_sigma_kg_m2": 0.02,
+}
+GAIN_OF_CURRENT = 0.1  # 1 sigma of torque constant times gear ratio times efficiency
 
 
 WITHOUT_POSITION = {"position_noise_rad": 1e-5}  # value for an encoder that measures speed only
@@ -140,7 +151,9 @@ class JointConfig(Section):
     kind: Literal["revolute", "prismatic"] = "revolute"  # names of prismatic keys: see `linear`
     sign: Literal[-1, 1] = 1
     zero_offset_rad: Turn = 0.0
-    torque: Literal["link_side", "none"] = "link_side"  # none: there is no torque sensor
+    torque: Literal["link_side", "motor_current", "none"] = (
+        "link_side"  # motor_current: friction, rotor and gain are wide by default; none: no sensor
+    )
     torque_gain: Gain = 1.0  # negative: the torque has the opposite sign, the angle does not
     torque_offset_nm: Finite = 0.0
     torque_limit_nm: Positive  # larger readings are rejected as out of range
@@ -151,6 +164,9 @@ class JointConfig(Section):
     friction_coulomb_sigma_nm: TorqueSigma = 0.0  # prior of friction in the reading; 0: none
     friction_viscous_sigma_nms_rad: TorqueSigma = 0.0
     friction_speed_rad_s: SlowRate = 0.01  # Coulomb friction is c tanh(rate / friction_speed)
+    rotor_inertia_sigma_kg_m2: RotorSigma = 0.0  # of rotor and gear, seen at the link; 0: none
+    ripple_periods: tuple[Periods, ...] = ()  # of the gear's ripple in a turn of the joint
+    ripple_sigma_nm: TorqueSigma = 0.0  # prior of sine and cosine amplitude of each; 0: none
     torque_model_sigma_nm: TorqueSigma = 0.0  # 1 sigma of the model's error in the torque; 0: none
     torque_model_correlation_s: CorrelationTime = 0.1  # time in which that error decays by e
     encoder: Literal["position", "speed"] = "position"  # speed: the node measures no angle
@@ -167,6 +183,32 @@ class JointConfig(Section):
         if isinstance(data, dict) and data.get("torque") == "none":
             return data | WITHOUT_TORQUE
         return data
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_motor_current(cls, data: object) -> object:
+        """Add wide priors of friction, rotor inertia and gain for a torque from motor current."""
+        if not isinstance(data, dict) or data.get("torque") != "motor_current":
+            return data
+        limit = data.get("torque_limit_nm")
+        if isinstance(limit, bool) or not isinstance(limit, int | float) or not limit > 0.0:
+            return data  # the field's own check refuses it
+        wide = {key: share * limit for key, share in OF_MOTOR_CURRENT.items()}
+        return wide | {"torque_scale_sigma_ratio": GAIN_OF_CURRENT} | data
+
+    @model_validator(mode="after")
+    def _ripple_keys(self) -> Self:
+        """Refuse a ripple without amplitude, an amplitude without ripple, and that of a slide."""
+        if bool(self.ripple_periods) != (self.ripple_sigma_nm > 0.0):
+            raise ValueError(
+                f"ripple_periods: {list(self.ripple_periods)} with ripple_sigma_nm "
+                f"{self.ripple_sigma_nm:g}; must both be given, or none of them"
+            )
+        if self.ripple_periods and self.kind == "prismatic":
+            raise ValueError("ripple_periods: of a prismatic joint; must be left out")
+        if len(set(self.ripple_periods)) < len(self.ripple_periods):
+            raise ValueError(f"ripple_periods: {list(self.ripple_periods)}; must be unique")
+        return self
 
     @model_validator(mode="before")
     @classmethod
@@ -233,7 +275,13 @@ def minute_walk(joint: JointConfig, rate_hz: float) -> float:
 
 def linear(key: str) -> str:
     """Return a revolute joint's key as a prismatic joint has it: m for rad, N for N m."""
-    for unit, other in (("_nms_rad", "_ns_m"), ("_rad_s", "_m_s"), ("_rad", "_m"), ("_nm", "_n")):
+    for unit, other in (
+        ("_nms_rad", "_ns_m"),
+        ("_kg_m2", "_kg"),
+        ("_rad_s", "_m_s"),
+        ("_rad", "_m"),
+        ("_nm", "_n"),
+    ):
         if key.endswith(unit):
             key = key.removesuffix(unit) + other
             break

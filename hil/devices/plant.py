@@ -62,6 +62,8 @@ class Plant:
             raise ValueError(f"joints.nodes: {len(self.nodes)} nodes for a robot of {n} joints")
         rate_hz = sensors.joints.sync_rate_hz or sync_rate_hz
         self.joint_errors = JointErrors(sensors.joints, n, seed, rate_hz)
+        if sensors.joints.torque == "motor_current":
+            self._table.measure_at_motors(self.joint_errors.motor_side)
         self._signs = np.array([float(node.sign) for node in self.nodes])
         self._zeros = np.array([node.zero_offset_rad for node in self.nodes])
         is_fd = [node.format == "fd" for node in self.nodes]

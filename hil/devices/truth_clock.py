@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.devices.truth_port import FloatArray, History, State
+from hil.world.motor_side import MotorSide
 
 REST_S = -1.0  # a time before the motion, at which the robot rests
 GRID_S = 1e-3
@@ -60,9 +61,14 @@ class JointTable:
 
     def __init__(self, history: ClampedHistory) -> None:
         self._history = history
+        self._motors: MotorSide | None = None
         self._first = 0
         self._table = np.empty((0, 0))
         self.n = int(np.atleast_2d(history.at(np.array([REST_S])).q).shape[-1])
+
+    def measure_at_motors(self, motors: MotorSide) -> None:
+        """Give torques at the motors from now on: the links' and what the motor side adds."""
+        self._motors, self._table = motors, np.empty((0, 0))
 
     def at(self, t_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return q [rad], qd [rad/s], tau [N m], each (k, n), at rising times within `SPAN_S`."""
@@ -89,4 +95,7 @@ class JointTable:
     def _fill(self, base: int) -> None:
         self._first = base - 2
         state = self._history.at((self._first + np.arange(GRID_POINTS, dtype=np.float64)) * GRID_S)
-        self._table = np.hstack([state.q, state.qd, state.tau])
+        tau = state.tau
+        if self._motors is not None:
+            tau = tau + self._motors.torque_nm(state.q, state.qdd)
+        self._table = np.hstack([state.q, state.qd, tau])

@@ -25,6 +25,11 @@ class State(Protocol):
         ...
 
     @property
+    def qdd(self) -> FloatArray:
+        """Joint accelerations [rad/s^2]."""
+        ...
+
+    @property
     def tau(self) -> FloatArray:
         """Joint torques [N m]."""
         ...

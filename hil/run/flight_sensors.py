@@ -138,12 +138,21 @@ def _torque(
         "friction_coulomb_sigma_nm": joints.friction_coulomb_sigma_nm,
         "friction_viscous_sigma_nms_rad": joints.friction_viscous_sigma_nms_rad,
     }
+    keys: dict[str, Any] = {key: sigma for key, sigma in friction.items() if sigma > 0.0}
+    if joints.torque == "motor_current":
+        keys |= {
+            "torque": joints.torque,
+            "torque_scale_sigma_ratio": joints.torque_scale_error_ratio,
+            "rotor_inertia_sigma_kg_m2": joints.rotor_inertia_sigma_kg_m2,
+            "ripple_sigma_nm": joints.ripple_sigma_nm,
+            "ripple_periods": list(joints.ripple_periods),
+        }
     return {
         "torque_limit_nm": flight["torque_limit_nm"],
         "torque_noise_nm": torque_noise_nm(joints, node, float(flight["bus"]["rate_hz"])),
         "torque_offset_sigma_nm": joints.torque_offset_sigma_nm,
         "torque_scale_sigma_ratio": 0.0,
-        **{key: sigma for key, sigma in friction.items() if sigma > 0.0},
+        **keys,
     }
 
 

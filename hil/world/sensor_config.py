@@ -58,6 +58,10 @@ class JointSensorConfig:
     torque_scale_error_ratio: float = 0.0  # 1 sigma, drawn once per joint and seed
     friction_coulomb_sigma_nm: float = 0.0  # on the link side, drawn once per joint and seed
     friction_viscous_sigma_nms_rad: float = 0.0
+    torque: Literal["link_side", "motor_current"] = "link_side"  # what the next three add to
+    rotor_inertia_sigma_kg_m2: float = 0.0  # drawn once per joint and seed
+    ripple_sigma_nm: float = 0.0  # of both amplitudes of each ripple, likewise
+    ripple_periods: tuple[float, ...] = ()  # in a turn of the joint
     torque_range_nm: float = 327.0  # beyond it the node reports an overload
     torque_hysteresis_ratio: float = 0.0  # largest error over the rated torque
     torque_noise: BandLimitedWhiteNoise | None = None  # instead of torque_noise_nm

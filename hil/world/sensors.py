@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from hil.devices.truth_port import FloatArray, State
 from hil.world.friction import draw_friction
+from hil.world.motor_side import draw_motor_side
 from hil.world.noise import Hysteresis, NoiseStream
 from hil.world.sensor_config import (
     ImuSensorConfig,
@@ -90,6 +91,13 @@ class JointErrors:
             n,
             coulomb_sigma_nm=config.friction_coulomb_sigma_nm,
             viscous_sigma_nms_rad=config.friction_viscous_sigma_nms_rad,
+        )
+        self.motor_side = draw_motor_side(
+            generator(seed, "joint", 0, 4),
+            n,
+            rotor_inertia_sigma_kg_m2=config.rotor_inertia_sigma_kg_m2,
+            ripple_sigma_nm=config.ripple_sigma_nm,
+            ripple_periods=config.ripple_periods,
         )
         self._streams = [generator(seed, "joint", i, 0) for i in range(n)]
         self._blocks = [

@@ -41,12 +41,13 @@ def short(
     rows = np.vstack([rows, *(rows[-1:],) * (REST_POINTS - 1)])
     motion = JointSpline(full.knot_spacing_s * (len(rows) - 5) / hurry, rows)
     motion.scaled(hurry**-2).save(folder / "motion.yaml")
+    imu = scenario.sensors.get("imu")
     return replace(
         scenario,
         identification=folder / "motion.yaml",
         before_s=1.0,
         after_s=0.5,
-        sensors=scenario.sensors | {"imu": scenario.sensors["imu"] | {"rate_hz": IMU_RATE_HZ}},
+        sensors=scenario.sensors | ({"imu": imu | {"rate_hz": IMU_RATE_HZ}} if imu else {}),
         flight=scenario.flight
         | {
             "bus": scenario.flight["bus"] | {"rate_hz": rate_hz},

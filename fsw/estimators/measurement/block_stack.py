@@ -8,12 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
+from dataclasses import replace
 from functools import cached_property
 from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fsw.estimators.effects.joint_torque import JointMotion
 from fsw.messages import Block, FloatArray
 
 
@@ -139,6 +141,17 @@ class BlockStack:
         other.cov_joint = self.cov_joint.copy()
         other.cov_joint[:, :, of_angles, of_angles] += by_rad2[:, :, None, None]
         return other
+
+    @property
+    def joint_motion(self) -> JointMotion:
+        """The joints' motion at the nodes, block by block."""
+        return JointMotion(
+            *(self.by_block(v) for v in (self.q_rad, self.qd_rad_s, self.qdd_rad_s2))
+        )
+
+    def accelerated(self, qdd_rad_s2: FloatArray) -> JointMotion:
+        """Return the joints' motion with other accelerations (N, n)."""
+        return replace(self.joint_motion, qdd_rad_s2=self.by_block(qdd_rad_s2))
 
     def by_block(self, values: FloatArray) -> FloatArray:
         """Return values at the nodes (N, ...) as (B, m, ...)."""

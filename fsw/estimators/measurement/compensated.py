@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from fsw.estimators.measurement import friction
+from fsw.estimators.effects.joint_torque import fill_columns
 from fsw.estimators.measurement.block_stack import BlockStack, covariance_root
 from fsw.estimators.measurement.impulse import external_force, pulled
 from fsw.estimators.measurement.motion_noise import through
@@ -179,7 +179,7 @@ def _nuisance_columns(
     x, w, acceleration = at
     if present(problem.at("torque_offset")):
         X[:, 6:, problem.at("torque_offset")] = np.eye(n)
-    friction.fill_columns(X[:, 6:], BlockStack((block,)), problem)
+    fill_columns(X[:, 6:], problem.torque_terms, BlockStack((block,)).joint_motion)
     if present(problem.at("torque_scale")):
         X[:, 6:, problem.at("torque_scale")] = block.tau_nm[:, :, None] * np.eye(n)
     if present(problem.at("acc_bias")):

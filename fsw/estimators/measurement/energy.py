@@ -15,7 +15,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.polynomial import legendre
 
-from fsw.estimators.measurement import friction
+from fsw.estimators.effects.joint_torque import added, fill_columns
 from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.measurement.mrnea import Rows, field, whitened
 from fsw.estimators.measurement.wheels import Wheels, turning
@@ -88,9 +88,9 @@ def stacked_energy_rows(s: BlockStack, x: FloatArray, problem: Problem) -> list[
     if present(problem.at("torque_offset")):
         tau = tau - x[problem.at("torque_offset")]
         J[:, :, problem.at("torque_offset")] += work @ s.by_block(s.qd_rad_s)
-    tau = tau - friction.torque(s, x, problem)[0]
+    tau = tau - added(problem.torque_terms, s.joint_motion, x).torque_nm
     by_state = np.zeros((B * m, n, len(x)))
-    friction.fill_columns(by_state, s, problem)
+    fill_columns(by_state, problem.torque_terms, s.joint_motion)
     J += work @ s.by_block(np.einsum("ij,ijk->ik", s.qd_rad_s, by_state))
     power = np.einsum("ij,ij->i", tau, s.qd_rad_s) + P
     residual = (work @ s.by_block(power)[:, :, None])[:, :, 0] + s.by_block(T) @ slope.T

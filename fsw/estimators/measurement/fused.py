@@ -19,7 +19,7 @@ S (S^T H_bb S)^-1 S^T, and the base has the support's acceleration, minus gravit
 import numpy as np
 from scipy.linalg.lapack import dpotrs
 
-from fsw.estimators.measurement import friction
+from fsw.estimators.effects.joint_torque import added, fill_columns
 from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.measurement.dynamics import dynamics, times
 from fsw.estimators.measurement.gains import angle_gain, by_place, state_gains, wheel_gain
@@ -75,10 +75,15 @@ def predict(
         for own in (problem.at("imu_angle"), problem.at("gyro_scale"), problem.at("gyro_axes"))
     ):
         f, w = _as_read((f, w), D, every, x, problem, rate)
-    lost, by_rate = friction.torque(s, x, problem)
-    tau = tau + lost
-    D[:, :n, n + 3 : 2 * n + 3] += by_rate[:, :, None] * np.eye(n)
-    friction.fill_columns(J[:, :n], s, problem)
+    if problem.torque_terms:
+        motion, each = s.joint_motion, np.arange(n)
+        more = added(problem.torque_terms, motion, x)
+        tau = tau + more.torque_nm
+        D[:, each, each] += more.by_acceleration
+        D[:, each, n + 3 + each] += more.by_rate
+        if D_q is not None:
+            D_q[:, each, each] += more.by_angle
+        fill_columns(J[:, :n], problem.torque_terms, motion)
     if present(problem.at("torque_scale")):
         gain = 1.0 + x[problem.at("torque_scale")]
         for gains in every:

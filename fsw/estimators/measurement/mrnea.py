@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrs, dtrtrs
 
-from fsw.estimators.measurement import friction
+from fsw.estimators.effects.joint_torque import Added, added, fill_columns
 from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.measurement.impulse import Impulse, external_force, pulled
 from fsw.estimators.measurement.motion_noise import through
@@ -110,14 +110,15 @@ def stacked_mrnea_rows(
     w, a_base = base_acceleration(s, x, problem, G)
     acceleration = np.concatenate([a_base, s.qdd_rad_s2], axis=1)
     tau, gain = _calibrated(s, x, problem)
-    lost, by_rate = friction.torque(s, x, problem)
+    more = added(problem.torque_terms, s.joint_motion, x)
     y = np.zeros((len(s.q_rad), 6 + n))
-    y[:, 6:] = tau - lost
+    y[:, 6:] = tau - more.torque_nm
     Y = _regressors(s, w, s.qd_rad_s, acceleration, problem, G)
     r = y - Y @ pi
     H = model.mass_matrices(s.q_rad)
     C = model.bias_derivatives(s.q_rad, w, s.qd_rad_s, acceleration)
-    C[:, 6:, 6:] += by_rate[:, :, None] * np.eye(n)
+    C[:, 6:, 6:] += more.by_rate[:, :, None] * np.eye(n)
+    H[:, 6:, 6:] += more.by_acceleration[:, :, None] * np.eye(n)
     outside = external_force(s, x, problem) if pulled(problem) else None
     if outside is not None:
         r += outside[0]
@@ -144,10 +145,10 @@ def stacked_mrnea_rows(
     X = np.zeros((len(s.q_rad), 6 + n, len(x)))
     X[:, :, problem.inertial] = Y @ problem.U
     _nuisance_columns(X, tau, gain, (H, G_w), x, problem)
-    friction.fill_columns(X[:, 6:], s, problem)
+    fill_columns(X[:, 6:], problem.torque_terms, s.accelerated(acceleration[:, 6:]))
     _mounting_columns(X, x, (w, acceleration, G), (H, G_w, G_wd), problem)
     if present(problem.at("joint_zero")):
-        fill_angle_columns(X, _by_angle(s, w, acceleration, problem), s, problem)
+        fill_angle_columns(X, _by_angle(s, w, acceleration, problem, more), s, problem)
     if outside is not None:
         X -= outside[1]
     if wheels is not None:
@@ -160,12 +161,14 @@ def stacked_mrnea_rows(
 
 
 def _by_angle(
-    s: BlockStack, w: FloatArray, acceleration: FloatArray, problem: Problem
+    s: BlockStack, w: FloatArray, acceleration: FloatArray, problem: Problem, more: Added
 ) -> FloatArray:
-    """Return d(generalised force)/dq (N, 6 + n, n)."""
+    """Return d(generalised force)/dq (N, 6 + n, n), with the torques `more`."""
     states = zip(s.q_rad, w, s.qd_rad_s, acceleration, strict=True)
     # a copy: the model has one array for every state
-    return np.stack([problem.model.angle_derivative(*state).copy() for state in states])
+    D_q = np.stack([problem.model.angle_derivative(*state).copy() for state in states])
+    D_q[:, 6:] += more.by_angle[:, :, None] * np.eye(s.n)
+    return D_q
 
 
 def _take_off_wheels(

@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.config import BaseConfig, BodyConfig, Config
+from fsw.estimators.effects.joint_torque import terms_of
+from fsw.estimators.effects.registered import TORQUE_EFFECTS
 from fsw.estimators.fading_noise import covariance_at_nodes
 from fsw.estimators.model.calibration import known_bodies
 from fsw.estimators.model.inertia import (
@@ -233,7 +235,7 @@ def build_problem(
         wheel_axes=np.array([wheel.axis_B for wheel in config.wheels]).reshape(-1, 3).T,
         walks=walks if "joint_walk" in places else None,
         thrusters=Thrusters.of(config),
-        friction_speed_rad_s=np.array([j.friction_speed_rad_s for j in joints]),
+        torque_terms=terms_of(TORQUE_EFFECTS, setting, places),
         target_com_m=np.array(
             config.bodies["target"].com_m if "target" in config.bodies else np.zeros(3)
         ),

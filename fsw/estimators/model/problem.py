@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.config import Config
+from fsw.estimators.effects.joint_torque import TorqueTerm
 from fsw.estimators.model.inertia import (
     PARAMETERS,
     consistent_state,
@@ -103,7 +104,7 @@ class Problem:
     places: Mapping[str, slice]  # of each group of states that is present
     wheel_axes: FloatArray  # (3, k) of the reaction wheels, in B
     thrusters: Thrusters
-    friction_speed_rad_s: FloatArray  # (n,) rate at which Coulomb friction is tanh(1) of its size
+    torque_terms: tuple[TorqueTerm, ...]  # torques besides that of the rigid bodies
     target_com_m: FloatArray  # (3,) in E: where the target's wrench acts on a known target
     p_BS_m: FloatArray  # (3,) place of the accelerometer, as configured
     R_BS: FloatArray  # (3, 3) the unit's axes to base axes, as configured

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from fsw.config import Config
+from fsw.estimators.effects import friction, motor_side
 from fsw.estimators.model.state_group import Setting, Spread, StateGroup, per_joint
 from fsw.estimators.model.walks import LEAST_RAD2
 
@@ -194,26 +195,8 @@ GROUPS = (
         is_calibration=True,
         is_repeated=True,
     ),
-    StateGroup(  # of each joint, as its torque sensor measures it
-        name="friction_coulomb",
-        effect="Coulomb friction",
-        unit="N m",
-        key="joints[].friction_coulomb_sigma_nm",
-        cause="friction in the torque sensors",
-        prior=per_joint("friction_coulomb_sigma_nm"),
-        is_repeated=True,
-        is_free=True,
-    ),
-    StateGroup(
-        name="friction_viscous",
-        effect="viscous friction",
-        unit="N m s/rad",
-        key="joints[].friction_viscous_sigma_nms_rad",
-        cause="friction in the torque sensors",
-        prior=per_joint("friction_viscous_sigma_nms_rad"),
-        is_repeated=True,
-        is_free=True,
-    ),
+    friction.COULOMB.group,
+    friction.VISCOUS.group,
     StateGroup(  # relative error of each wheel's axial inertia
         name="wheel_scale",
         effect="inertia of wheels",
@@ -304,6 +287,8 @@ GROUPS = (
         cause="modes of the base",
         is_hidden=True,
     ),
+    motor_side.ROTOR.group,
+    motor_side.RIPPLE.group,
 )
 BY_NAME = {group.name: group for group in GROUPS}
 

@@ -9,6 +9,8 @@ import pytest
 from hil.judge import judgement
 from hil.run import bench
 from hil.world.scenario import load
+from hil.world.sensor_config import SensorConfig
+from hil.world.sensors import JointErrors
 from hil.world.stand import Stand
 from hil.world.truth import Body, Robot, simulate
 from tests.support.short_cases import NoMeter, short
@@ -68,3 +70,21 @@ def test_the_payload_is_found_within_its_own_uncertainty(tmp_path, name):
     mass = outcome["estimate"]["target"]["mass_kg"]
     assert abs(mass / 5.0 - 1) < 0.001
     assert outcome["mass_sigma_to_crb_ratio"]["target"] < 1.3
+
+
+def test_the_payload_is_found_from_motor_currents(tmp_path):
+    """Gear friction, rotor inertia, ripple and a wrong gain are in the plant's torques only."""
+    name = "bench_current"
+    scenario = replace(short(tmp_path, name=name, points=12), sensors=load(name).sensors)
+    setup = bench.prepare(scenario, 2, tmp_path)
+    recorded = bench.run_virtual(setup, NoMeter(), record=False)
+    outcome = judgement.judge(setup, judgement.make_case(setup), recorded)
+    assert outcome["nees"] < CHI2_10_999
+    sensors = SensorConfig.from_dict(scenario.sensors).joints
+    motors = JointErrors(sensors, 7, setup.seed).motor_side
+    found = recorded.estimates[-1]
+    own = [k for k, state in enumerate(found.names) if state.startswith("rotor_inertia")]
+    error = found.mean[own] - motors.rotor_inertia_kg_m2
+    z = error / np.sqrt(np.diag(found.covariance))[own]
+    assert np.abs(z).max() < 4.0
+    assert z @ z < CHI2_10_999
