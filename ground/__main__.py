@@ -13,12 +13,12 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ground.downlink import ClearStream, FrameStream
 from ground.errors import LINK, USAGE, GroundError
 from ground.examples import EXAMPLES, FILES
 from ground.sdls import Sealer
 
 if TYPE_CHECKING:
+    from ground.downlink import FrameStream
     from ground.gateway.desk import Desk
 
 PORT = 10025
@@ -285,6 +285,7 @@ def _fetch(arguments: argparse.Namespace) -> int:
 
 
 def _serve(arguments: argparse.Namespace) -> int:
+    from ground.downlink import ClearStream
     from ground.gateway.server import serve
 
     desk = _desk(arguments) if arguments.command_from_page else None
@@ -325,6 +326,8 @@ def _sealer(arguments: argparse.Namespace) -> Sealer | None:
 def _stream(arguments: argparse.Namespace) -> FrameStream | None:
     if arguments.tm_key is None:
         return None
+    from ground.downlink import FrameStream
+
     return FrameStream(
         arguments.tm_key,
         arguments.state.expanduser(),

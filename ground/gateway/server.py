@@ -3,6 +3,7 @@
 import argparse
 import asyncio
 import json
+import os
 import time
 from collections import deque
 from collections.abc import AsyncIterator, Callable
@@ -295,7 +296,12 @@ def serve(
     app = application(
         arguments.host, arguments.port, assets, arguments.recordings, guard, make_stream, desk
     )
-    asyncio.run(_serve(app, arguments.http_host, arguments.http_port, query))
+    host, port = arguments.http_host, arguments.http_port
+    try:
+        asyncio.run(_serve(app, host, port, query))
+    except OSError as error:  # asyncio's text is longer than the system's
+        reason = os.strerror(error.errno) if error.errno else str(error)
+        raise UsageError(f"--http-host {host} --http-port {port}: {reason}") from error
     return 0
 
 
