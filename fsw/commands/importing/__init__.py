@@ -25,8 +25,6 @@ def import_recording(
     ConfigError when the files do not fit the configuration or each other; nothing is written then.
     """
     out: Path = arguments.out
-    if out.exists():
-        raise ConfigError(f"--out: {out} exists already")
     channels = []
     progress("reading")
     for channel in chain(_captures(arguments, config), _sampled(arguments, config)):
@@ -34,6 +32,8 @@ def import_recording(
         channels.append(channel)
     _refuse_gaps(config, channels)
     _refuse_two_clocks(channels)
+    if any(out.exists() and channel.source.samefile(out) for channel in channels):
+        raise ConfigError(f"--out: {out} is read by this command; choose another name")
     progress(f"writing {out}")
     write(config, channels, out)
     return [f"{c.topic}: {c.text}, from {c.source}" for c in channels]
@@ -42,12 +42,15 @@ def import_recording(
 def write(config: Config, channels: Sequence[Channel], out: Path) -> None:
     """Write a recording of the channels, with configuration and robot model attached.
 
+    A recording of that name is replaced when the new one is complete.
+
     Raises
     ------
     ConfigError when the file cannot be written; an unfinished file is removed.
     """
+    unfinished = out.with_name(f"{out.name}.unfinished")
     try:
-        writer = open_recording(config, out)
+        writer = open_recording(config, unfinished)
         try:
             writer.metadata("import", {c.topic: c.source.name for c in channels})
             if any(c.topic == f"{SAMPLES}{JOINTS}" for c in channels):
@@ -56,9 +59,10 @@ def write(config: Config, channels: Sequence[Channel], out: Path) -> None:
             for channel in channels:
                 channel.write(writer)
             writer.close()
+            unfinished.replace(out)
         except BaseException:
             writer.abandon()
-            out.unlink(missing_ok=True)
+            unfinished.unlink(missing_ok=True)
             raise
     except OSError as error:
         raise ConfigError(f"--out: {out} cannot be written: {error.strerror}") from error
@@ -73,7 +77,7 @@ def _captures(arguments: Namespace, config: Config) -> Iterator[Channel]:
         yield can_capture(config, name, path, channel, shifts.pop(name, 0))
     for name, file in map(_pair, arguments.serial):
         _refuse_unknown("--serial", name, _lines(config))
-        yield serial_capture(name, Path(file), shifts.pop(name, 0))
+        yield serial_capture(config, name, Path(file), shifts.pop(name, 0))
     if shifts:
         raise ConfigError(f"--shift: {', '.join(shifts)}: nothing of this name is imported")
 

@@ -5,23 +5,28 @@ import io
 import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from fsw.commands.importing.clock import (
+    refuse_disorder,
+    refuse_other_rate,
+    refuse_other_size,
+)
 from fsw.config import Config
 from fsw.drivers.codecs.canopen import COB_SYNC, COB_TPDO1, NODE_MASK
 from fsw.drivers.ports.can_log import read_can_log
 from fsw.drivers.wire import ByteChunk, FrameArray
 from fsw.exchange.recording import END_NS
 from fsw.exchange.recording_writer import RecordingWriter
-from fsw.exchange.sinks import CanTraffic, SerialTraffic
+from fsw.exchange.sinks import IMU, CanTraffic, SerialTraffic
 from fsw.messages import IntArray
 from fsw.messages.errors import ConfigError, brief
 
-DISORDER_NS = 1e7  # stamps may run back by less (two processors); a larger step is a clock set back
+MOST_S = 1e12  # a stamp beyond is no time
 STAMP, DATA = "stamp_s", "hex"
 _Row = tuple[int, Any, Any]  # line, stamp, bytes
 
@@ -44,21 +49,31 @@ def can_capture(config: Config, bus: str, path: Path, channel: str | None, shift
     ------
     ConfigError when the log cannot be used, or is of another robot.
     """
-    frames = read_can_log(path, channel)
+    log = read_can_log(path, channel)
+    frames = log.frames
     frames["t_ns"] += shift
     t_ns = frames["t_ns"].astype(np.int64)
-    refuse_disorder(path, t_ns)
     _refuse_strangers(config, bus, frames, path)
+    place = next(k for k, own in enumerate(config.buses) if own.name == bus)
+    refuse_other_rate(
+        path,
+        t_ns[frames["word"] == COB_SYNC],
+        f"{len(frames)} frames",
+        "SYNC",
+        {f"buses.{place}.rate_hz": config.buses[place].rate_hz},
+    )
+    refuse_disorder(path, t_ns)
+    words = f"{len(frames)} frames in {(t_ns[-1] - t_ns[0]) * 1e-9:.1f} s"
     return Channel(
         topic=f"/can/{bus}",
         source=path,
         t_ns=t_ns,
-        text=f"{len(frames)} frames in {(t_ns[-1] - t_ns[0]) * 1e-9:.1f} s",
+        text="; ".join([words, *log.notes]),
         write=lambda writer: writer.traffic(CanTraffic(bus, frames)),
     )
 
 
-def serial_capture(device: str, path: Path, shift: int) -> Channel:
+def serial_capture(config: Config, device: str, path: Path, shift: int) -> Channel:
     """Return the capture of a serial line: rows of `stamp_s` and `hex`, as CSV or JSON lines.
 
     A row contains the bytes of one read; its stamp is the time of the last byte [s]. `shift` [ns]
@@ -73,9 +88,12 @@ def serial_capture(device: str, path: Path, shift: int) -> Channel:
     chunks = []
     for line, stamp, data in rows:
         try:
-            t_ns = int((Decimal(stamp) * 10**9).to_integral_value()) + shift
+            seconds = Decimal(stamp)
+            if not abs(seconds) < MOST_S:  # a larger exponent would fill the memory
+                raise OverflowError("no time")
+            t_ns = int((seconds * 10**9).to_integral_value()) + shift
             chunks.append(ByteChunk(t_ns, bytes.fromhex(data)))
-        except (ValueError, TypeError, InvalidOperation, OverflowError) as error:
+        except (ValueError, TypeError, ArithmeticError) as error:
             words = f"{STAMP} {brief(str(stamp))}, {DATA} {brief(data)}"
             raise ConfigError(
                 f"{path}: line {line}: {words}; must be seconds and hexadecimal bytes"
@@ -83,13 +101,16 @@ def serial_capture(device: str, path: Path, shift: int) -> Channel:
     if not chunks:
         raise ConfigError(f"{path}: holds no bytes")
     times_ns = np.array([min(max(c.t_ns, -1), END_NS - 1) for c in chunks], np.int64)
+    sizes = np.array([len(chunk.data) for chunk in chunks], np.int64)
+    unit = config.imu if device == IMU else config.star_tracker
+    if unit is not None:
+        refuse_other_size(path, times_ns, sizes, f"{device}.rate_hz", unit.rate_hz)
     refuse_disorder(path, times_ns)
-    count = sum(len(chunk.data) for chunk in chunks)
     return Channel(
         topic=f"/serial/{device}",
         source=path,
         t_ns=times_ns,
-        text=f"{count} bytes in {(times_ns[-1] - times_ns[0]) * 1e-9:.1f} s",
+        text=f"{sizes.sum()} bytes in {(times_ns[-1] - times_ns[0]) * 1e-9:.1f} s",
         write=lambda writer: writer.traffic(SerialTraffic(device, chunks)),
     )
 
@@ -113,28 +134,6 @@ def read_text(path: Path) -> str:
     return text
 
 
-def refuse_disorder(path: Path, t_ns: IntArray, most_ns: float = DISORDER_NS) -> None:
-    """Refuse stamps that run backwards by more than `most_ns`, are negative or too large.
-
-    Raises
-    ------
-    ConfigError that names the first such step, or the stamp out of range.
-    """
-    back = np.flatnonzero(np.diff(t_ns) < -most_ns)
-    if back.size:
-        first = int(back[0])
-        before, after = t_ns[first] * 1e-9, t_ns[first + 1] * 1e-9
-        raise ConfigError(
-            f"{path}: time runs backwards {back.size} times, first at sample {first + 2}: "
-            f"{after:.6f} s after {before:.6f} s; cut it there, or correct the clock"
-        )
-    if t_ns.min() < 0:
-        raise ConfigError(f"{path}: a stamp at {t_ns.min() * 1e-9:g} s; must be at least 0")
-    if t_ns.max() >= END_NS - 1:
-        most_s = END_NS * 1e-9
-        raise ConfigError(f"{path}: a stamp at {most_s:g} s or later; must be below {most_s:g}")
-
-
 def _refuse_strangers(config: Config, bus: str, frames: FrameArray, path: Path) -> None:
     """Raise ConfigError if the log has no SYNC, or a configured node sends no TPDO1."""
     words = {int(word) for word in np.unique(frames["word"])}
@@ -152,11 +151,17 @@ def _refuse_strangers(config: Config, bus: str, frames: FrameArray, path: Path) 
 
 def _of_csv(path: Path, text: str) -> Iterator[_Row]:
     reader = csv.DictReader(io.StringIO(text))
-    missing = {STAMP, DATA} - set(reader.fieldnames or ())
+    try:
+        missing = {STAMP, DATA} - set(reader.fieldnames or ())
+    except csv.Error as error:
+        raise ConfigError(f"{path}: line 1: {error}") from error
     if missing:
         raise ConfigError(f"{path}: no column {', '.join(sorted(missing))} in its first line")
-    for row in reader:
-        yield reader.line_num, row[STAMP], row[DATA]
+    try:
+        for row in reader:
+            yield reader.line_num, row[STAMP], row[DATA]
+    except csv.Error as error:
+        raise ConfigError(f"{path}: line {reader.line_num + 1}: {error}") from error
 
 
 def _of_json(path: Path, text: str) -> Iterator[_Row]:
@@ -164,5 +169,5 @@ def _of_json(path: Path, text: str) -> Iterator[_Row]:
         try:
             row = json.loads(line, parse_float=Decimal)
             yield number, row[STAMP], row[DATA]
-        except (ValueError, KeyError, TypeError) as error:
+        except (ValueError, KeyError, TypeError, RecursionError) as error:
             raise ConfigError(f"{path}: line {number}: no JSON with {STAMP} and {DATA}") from error

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw.commands.importing.captures import refuse_disorder
+from fsw.commands.importing.clock import RATE_RATIO, refuse_disorder
 from fsw.messages import FloatArray, IntArray
 from fsw.messages.errors import ConfigError
 
@@ -14,7 +14,6 @@ MOSTLY = 0.5  # share of steps backwards above which the file is refused
 LEAST = 8  # least number of samples of a source
 DISORDER_PERIODS = 2.0  # a sample may be late by this; a larger step back is a clock set back
 GAP_PERIODS = 3.0
-RATE_RATIO = 1.2  # accepted ratio of found to declared rate, or of declared to found
 
 
 def judged(

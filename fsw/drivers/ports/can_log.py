@@ -1,11 +1,16 @@
-"""Frames of CAN logs from other tools, in any format that python-can reads (candump, BLF, ASC)."""
+"""Frames of CAN logs from other tools, in any format that python-can reads, and BUSMASTER."""
 
+import logging
 import struct
 import zlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 
 import can
 
+from fsw.drivers.ports.can_text import TextLog, text_log
 from fsw.drivers.wire import (
     EFF_FLAG,
     ERR_FLAG,
@@ -16,11 +21,11 @@ from fsw.drivers.wire import (
     row_of,
     rows_of,
 )
-from fsw.messages.errors import ConfigError, unforeseen
+from fsw.messages.errors import ConfigError, brief, unforeseen
 
-TEXT_LOGS = (".asc", ".csv", ".log", ".trc")
 MICROSECOND_NS = 1000  # resolution of a float of seconds since 1970, and of these logs
 END_S = 2.0**33  # a stamp from here on is invalid
+BINARY_LOGS = (".blf", ".db", ".mf4")
 # errors that python-can's readers raise for a damaged log
 _BROKEN = (
     can.CanError,
@@ -29,12 +34,31 @@ _BROKEN = (
     ValueError,
     LookupError,
     TypeError,
+    ArithmeticError,
+    AttributeError,
     AssertionError,
     EOFError,
     ImportError,
+    MemoryError,
+    NotImplementedError,
     struct.error,
     zlib.error,
 )
+_READERS = {
+    ".asc": can.ASCReader,
+    ".csv": can.CSVReader,
+    ".log": can.CanutilsLogReader,
+    ".trc": can.TRCReader,
+}
+_Rows = dict[str | None, list[bytes]]  # frames by channel
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CanLog:
+    """Frames of one channel of a log, and what a user must know about their times and losses."""
+
+    frames: FrameArray  # in the log's order, with the log's stamps
+    notes: Sequence[str]
 
 
 def message_row(t_ns: int, message: can.Message) -> bytes:
@@ -46,7 +70,7 @@ def message_row(t_ns: int, message: can.Message) -> bytes:
     return row_of(t_ns, word, bytes(message.data), flags)
 
 
-def read_can_log(path: Path, channel: str | None = None) -> FrameArray:
+def read_can_log(path: Path, channel: str | None = None) -> CanLog:
     """Return the frames of a log in the log's order and with the log's stamps.
 
     Parameters
@@ -55,28 +79,18 @@ def read_can_log(path: Path, channel: str | None = None) -> FrameArray:
 
     Raises
     ------
-    ConfigError when the log cannot be read, is cut off, or has no frame or not this channel.
+    ConfigError when the log cannot be read, is cut off, or has no frame or not this channel, when
+    its stamps are no times, or when most of its lines are no frames.
     """
-    rows: dict[str | None, list[bytes]] = {}
     try:
-        _refuse_cut(path)
-        reader = can.LogReader(path, **_options(path))
-        written = getattr(reader, "file_size", path.stat().st_size)
-        with reader:
-            for message in reader:
-                if not 0.0 <= message.timestamp < END_S:
-                    raise ValueError(f"a frame at {message.timestamp:g} s")
-                if len(message.data) > MAX_DATA_BYTES:
-                    raise ValueError(f"a frame of {len(message.data)} bytes")
-                t_ns = round(message.timestamp * 1e6) * MICROSECOND_NS
-                name = None if message.channel is None else str(message.channel)
-                rows.setdefault(name, []).append(message_row(t_ns, message))
+        if path.suffix in BINARY_LOGS:
+            rows, notes = _binary(path)
+        else:
+            rows, notes = _text(path)
+    except ConfigError:
+        raise
     except _BROKEN as error:
         raise ConfigError(f"{path}: cannot be read as a CAN log: {unforeseen(error)}") from error
-    if path.suffix == ".blf" and written != path.stat().st_size:
-        raise ConfigError(
-            f"{path}: cut off or not closed: {path.stat().st_size} bytes, its header says {written}"
-        )
     names = [name for name in rows if name is not None]
     chosen = channel if channel is not None else (names[0] if len(names) == 1 else None)
     if not rows:
@@ -85,19 +99,99 @@ def read_can_log(path: Path, channel: str | None = None) -> FrameArray:
         raise ConfigError(
             f"{path}: has the channels {', '.join(names)}; choose one as {path.name}:CHANNEL"
         )
-    return rows_of(b"".join(rows[chosen])).copy()
+    return CanLog(frames=rows_of(b"".join(rows[chosen])).copy(), notes=notes)
 
 
-def _options(path: Path) -> dict[str, bool]:
-    """Return the options that make python-can's reader give absolute times."""
-    return {"relative_timestamp": False} if path.suffix == ".asc" else {}
+def _binary(path: Path) -> tuple[_Rows, list[str]]:
+    if not path.stat().st_size:
+        raise ValueError("it is empty")
+    rows: _Rows = {}
+    notes = []
+    with _Warnings() as warnings:
+        if path.suffix == ".blf":
+            with path.open("rb") as file:
+                reader = can.BLFReader(file)
+                found = [_row(message) for message in reader]
+                written = reader.file_size
+                if reader.start_timestamp:
+                    start = datetime.fromtimestamp(reader.start_timestamp, UTC)
+                    shown = start.replace(tzinfo=None).isoformat(" ", "milliseconds")
+                    notes.append(f"starts {shown} by its header, read as UTC")
+        else:
+            with can.LogReader(path) as other:
+                found = [_row(message) for message in other]
+            written = path.stat().st_size
+    for channel, row in found:
+        rows.setdefault(channel, []).append(row)
+    if written != path.stat().st_size:
+        raise ConfigError(
+            f"{path}: cut off or not closed: {path.stat().st_size} bytes, its header says {written}"
+        )
+    return rows, notes + [f"python-can warns: {text}" for text in warnings.texts]
 
 
-def _refuse_cut(path: Path) -> None:
-    """Raise ValueError for an empty file, or a text log whose last line has no line end."""
-    with path.open("rb") as file:
-        if not file.seek(0, 2):
-            raise ValueError("it is empty")
-        file.seek(-1, 2)
-        if path.suffix in TEXT_LOGS and file.read(1) != b"\n":
-            raise ValueError("its last line is cut off")
+def _text(path: Path) -> tuple[_Rows, list[str]]:
+    log = text_log(path)
+    rows: _Rows = {}
+    with _Warnings():  # a warning concerns a line that is counted
+        for channel, row in _rows_of_text(log):
+            rows.setdefault(channel, []).append(row)
+    read, unread = sum(map(len, rows.values())), log.unread
+    first = f"the first is line {unread.number}: {brief(unread.text.strip())}"
+    if unread.count > read:
+        raise ConfigError(
+            f"{path}: cannot be read as a CAN log: {unread.count} of {unread.count + read} lines "
+            f"are no frames, {first}"
+        )
+    return rows, log.notes + [f"lines not read: {unread.count}, {first}"] * bool(unread.count)
+
+
+def _rows_of_text(log: TextLog) -> Iterator[tuple[str | None, bytes]]:
+    """Yield channel and frame of each line of a text log; lines without a frame are counted."""
+    while not log.is_done:
+        log.repeat_header()
+        try:
+            for message in _READERS[log.kind](log):
+                row = _row(message, log.t_ns)
+                log.accept()
+                yield row
+        except ConfigError:
+            raise
+        except _BROKEN:
+            continue  # a new reader begins at the line below the damaged one
+
+
+def _row(message: can.Message, t_ns: int | None = None) -> tuple[str | None, bytes]:
+    """Return channel and frame of a message, with its own stamp if there is no other."""
+    if t_ns is None:
+        if not 0.0 <= message.timestamp < END_S:
+            raise ValueError(f"a frame at {message.timestamp:g} s")
+        t_ns = round(message.timestamp * 1e6) * MICROSECOND_NS
+    if len(message.data) > MAX_DATA_BYTES:
+        raise ValueError(f"a frame of {len(message.data)} bytes")
+    channel = None if message.channel is None else str(message.channel)
+    return channel, message_row(t_ns, message)
+
+
+class _Warnings(logging.Handler):
+    """Keeps the distinct warnings of python-can while it reads, and off the screen."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.WARNING)
+        self.texts: list[str] = []
+        self._logger = logging.getLogger("can")
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Keep the text of a warning."""
+        if record.getMessage() not in self.texts:
+            self.texts.append(record.getMessage())
+
+    def __enter__(self) -> "_Warnings":
+        self._propagated = self._logger.propagate
+        self._logger.propagate = False
+        self._logger.addHandler(self)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._logger.removeHandler(self)
+        self._logger.propagate = self._propagated

@@ -31,7 +31,7 @@ def test_flexible_extended_and_remote_frames_keep_what_they_are(tmp_path, suffix
         classic(timestamp=T_S + 2e-6, arbitration_id=0x18FEF100, is_extended_id=True),
         classic(timestamp=T_S + 3e-6, is_remote_frame=True, data=b""),
     )
-    frames = read_can_log(path)
+    frames = read_can_log(path).frames
     assert [len(data) for data in recorded_bytes(frames)] == [16, 72, 16, 16]
     plain, flexible, extended, remote = frame_list(frames)
     assert (plain.t_ns, plain.can_id, plain.data) == (T_NS, 0x191, b"\x01\x02")
@@ -47,7 +47,7 @@ def test_flexible_extended_and_remote_frames_keep_what_they_are(tmp_path, suffix
 
 def test_one_channel_of_several_is_chosen(tmp_path):
     path = log(tmp_path / "a.blf", classic(), classic(channel=1, data=b"\x03"))
-    assert frame_list(read_can_log(path, "1"))[0].data == b"\x03"
+    assert frame_list(read_can_log(path, "1").frames)[0].data == b"\x03"
     with pytest.raises(ConfigError, match=r"has the channels 0, 1; choose one as a\.blf:CHANNEL"):
         read_can_log(path)
 
