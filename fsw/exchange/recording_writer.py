@@ -32,7 +32,12 @@ _SCHEMAS: dict[str, dict[str, str]] = {  # without `covariance`: Foxglove reads 
     },
     "/events": {"t_ns": "integer", "severity": "string", "code": "string", "text": "string"},
     "/tm": {"t_ns": "integer", "ticks": "integer", "slips": "integer", "samples": "object"},
-    "/samples/joints": {"position_rad": "object", "torque_nm": "object"},  # by name
+    "/samples/joints": {  # by name; metres and newtons are of prismatic joints
+        "position_rad": "object",
+        "torque_nm": "object",
+        "position_m": "object",
+        "force_n": "object",
+    },
     "/samples/wheels": {"speed_rad_s": "object"},  # by name
     "/samples/imu": {"w_NS_S_rad_s": "numbers", "f_NS_S_m_s2": "numbers"},
     "/samples/star_tracker": {"q_xyzw": "numbers"},

@@ -66,5 +66,5 @@ NUMERICAL = (EstimatorError, ValueError, ArithmeticError)
 
 
 def unforeseen(error: Exception) -> str:
-    """Return the message for an error that is no `FswError`."""
-    return cut(f"{type(error).__name__}: {error}")
+    """Return the message, in one line, for an error that is no `FswError`."""
+    return cut(" ".join(f"{type(error).__name__}: {error}".split()))

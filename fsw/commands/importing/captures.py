@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from fsw.commands.importing.clock import (
+    refuse_differences,
     refuse_disorder,
     refuse_other_rate,
     refuse_other_size,
@@ -55,13 +56,10 @@ def can_capture(config: Config, bus: str, path: Path, channel: str | None, shift
     t_ns = frames["t_ns"].astype(np.int64)
     _refuse_strangers(config, bus, frames, path)
     place = next(k for k, own in enumerate(config.buses) if own.name == bus)
-    refuse_other_rate(
-        path,
-        t_ns[frames["word"] == COB_SYNC],
-        f"{len(frames)} frames",
-        "SYNC",
-        {f"buses.{place}.rate_hz": config.buses[place].rate_hz},
-    )
+    syncs_ns = t_ns[frames["word"] == COB_SYNC]
+    rates_hz = {f"buses.{place}.rate_hz": config.buses[place].rate_hz}
+    refuse_differences(path, "SYNC", syncs_ns, rates_hz, what=f"{len(frames)} frames")
+    refuse_other_rate(path, "SYNC", syncs_ns, rates_hz)
     refuse_disorder(path, t_ns)
     words = f"{len(frames)} frames in {(t_ns[-1] - t_ns[0]) * 1e-9:.1f} s"
     return Channel(

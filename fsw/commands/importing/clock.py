@@ -11,7 +11,8 @@ from fsw.messages.errors import ConfigError
 
 DISORDER_NS = 1e7  # stamps may run back by less (two processors); a larger step is a clock set back
 RATE_RATIO = 1.2  # accepted ratio of found to declared rate, or of declared to found
-TINY_RATIO = 3.0  # a rate that is this much too high may be of stamps that are differences
+TINY_RATIO = 3.0  # a rate this much too high is of stamps that are differences, if ...
+UNORDERED = 0.25  # ... more than this share of the steps does not go forward
 LEAST_BYTES, MOST_BYTES = 8, 1000  # of a serial line for one sample; a datagram has 18 to 261
 PAUSE_S, PAUSE_PERIODS = 1.0, 10.0  # a longer step is a pause, and says nothing of the rate
 
@@ -38,19 +39,43 @@ def refuse_disorder(path: Path, t_ns: IntArray, most_ns: float = DISORDER_NS) ->
         raise ConfigError(f"{path}: a stamp at {most_s:g} s or later; must be below {most_s:g}")
 
 
-def refuse_other_rate(
-    path: Path, t_ns: IntArray, what: str, events: str, rates_hz: Mapping[str, float]
+def refuse_differences(
+    path: Path, events: str, t_ns: IntArray, rates_hz: Mapping[str, float], what: str = ""
 ) -> None:
-    """Refuse stamps of periodic events that contradict the declared rate.
-
-    The mean over the time without pauses is compared, since loggers stamp in bursts.
+    """Refuse stamps that are all one, or look like the times between the events.
 
     Parameters
     ----------
-    t_ns : (k,) stamps of the events, in the order of the file
-    what : what the file holds, for the message
+    t_ns : (k,) stamps of periodic events, in the order of the file
     events : name of the events
     rates_hz : declared rates by key of the configuration
+    what : what the file holds, for the message; empty: the events
+
+    Raises
+    ------
+    ConfigError that names the time between the stamps, and the time that the rate gives.
+    """
+    steps, count, span_s = np.diff(t_ns), len(t_ns), (int(t_ns.max()) - int(t_ns.min())) * 1e-9
+    if count > 1 and not span_s and not what:
+        raise ConfigError(f"{path}: {events}: all {count} stamps are {t_ns[0] * 1e-9:.10g} s")
+    for key, declared_hz in rates_hz.items():
+        is_tiny = span_s * declared_hz * TINY_RATIO < count - 1
+        if is_tiny and (steps <= 0).mean() > UNORDERED:
+            words = what or f"{count} {events}"
+            raise ConfigError(
+                f"{path}: {words} in {span_s:.3g} s, where {count} {events} at {key} "
+                f"{declared_hz:g} take {(count - 1) / declared_hz:.3g} s: are the stamps "
+                "differences?"
+            )
+
+
+def refuse_other_rate(
+    path: Path, events: str, t_ns: IntArray, rates_hz: Mapping[str, float]
+) -> None:
+    """Refuse stamps of periodic events that contradict the declared rate.
+
+    The mean over the time without pauses is compared, since loggers stamp in bursts. For the
+    parameters see `refuse_differences`.
 
     Raises
     ------
@@ -60,19 +85,14 @@ def refuse_other_rate(
         steps_s = np.diff(t_ns) * 1e-9
         steps_s = steps_s[np.abs(steps_s) <= max(PAUSE_S, PAUSE_PERIODS / declared_hz)]
         count, took_s = len(steps_s), float(steps_s.sum())
-        if not count or 1.0 / RATE_RATIO < took_s * declared_hz / count < RATE_RATIO:
+        if not count or took_s <= 0.0:
             continue
-        if took_s * declared_hz * TINY_RATIO < count:
-            span_s = (int(t_ns.max()) - int(t_ns.min())) * 1e-9
-            raise ConfigError(
-                f"{path}: {what} in {span_s:.3g} s, where {count + 1} {events} at {key} "
-                f"{declared_hz:g} take {count / declared_hz:.3g} s: are the stamps differences?"
-            )
         found_hz = count / took_s
-        raise ConfigError(
-            f"{path}: {events} come at {found_hz:.4g} Hz; {key} is {declared_hz:g}: set it to "
-            f"{found_hz:.3g}, or correct the stamps"
-        )
+        if not 1.0 / RATE_RATIO < found_hz / declared_hz < RATE_RATIO:
+            raise ConfigError(
+                f"{path}: {events} come at {found_hz:.4g} Hz; {key} is {declared_hz:g}: set it to "
+                f"{found_hz:.3g}, or correct the stamps"
+            )
 
 
 def refuse_other_size(

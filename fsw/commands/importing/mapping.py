@@ -2,9 +2,9 @@
 
 from math import pi
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
-from pydantic import ValidationError, field_validator
+from pydantic import BeforeValidator, ValidationError
 
 from fsw.config import Finite, Section
 from fsw.config.text import TextError, explain, must_be, read_yaml
@@ -16,10 +16,15 @@ FACTORS = {
     "ms": 1e-3,
     "us": 1e-6,
     "ns": 1e-9,
+    "iso": 1.0,
     "rad": 1.0,
     "deg": pi / 180.0,
+    "m": 1.0,
+    "mm": 1e-3,
     "N m": 1.0,
     "mN m": 1e-3,
+    "N": 1.0,
+    "mN": 1e-3,
     "rad/s": 1.0,
     "deg/s": pi / 180.0,
     "m/s2": 1.0,
@@ -28,40 +33,66 @@ FACTORS = {
 }
 
 
+def _listed(value: object) -> object:
+    return value if value is None or isinstance(value, list | tuple) else (value,)
+
+
+def _name(value: object) -> object:
+    """Return a column's number as its text."""
+    return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
+
+
+Column = Annotated[str, BeforeValidator(_name)]  # name, or number from 1 on
+
+
 class TimeColumn(Section):
     """Column and unit of the samples' stamps."""
 
-    column: str
-    unit: Literal["s", "ms", "us", "ns"]
+    column: Column
+    unit: Literal["s", "ms", "us", "ns", "iso"]  # iso: date and time as ISO 8601 has them
 
 
 class Quantity(Section):
     """Columns of one quantity; in a single name, `{}` stands for each joint, wheel or axis.
 
-    A scale or sign that is not a list applies to all columns.
+    A unit, scale or sign that is not a list applies to all columns.
     """
 
-    columns: tuple[str, ...]
-    unit: str
-    scale: tuple[Finite, ...] = (1.0,)
-    sign: tuple[Literal[-1, 1], ...] = (1,)
+    file: Path | None = None  # with the same rows as the section's file; None: the section's file
+    columns: Annotated[tuple[Column, ...], BeforeValidator(_listed)]
+    unit: str | tuple[str, ...]
+    scale: Annotated[tuple[Finite, ...], BeforeValidator(_listed)] = (1.0,)
+    sign: Annotated[tuple[Literal[-1, 1], ...], BeforeValidator(_listed)] = (1,)
 
-    @field_validator("columns", "scale", "sign", mode="before")
-    @classmethod
-    def _listed(cls, value: object) -> object:
-        return value if isinstance(value, list | tuple) else (value,)
+    @property
+    def units(self) -> tuple[str, ...]:
+        """The unit of all columns, or of each."""
+        return (self.unit,) if isinstance(self.unit, str) else tuple(self.unit)
+
+
+def _one_of(*units: str) -> BeforeValidator:
+    """Return a validator of units for joints of both kinds, or of a list of them."""
+
+    def check(value: object) -> tuple[str, ...]:
+        listed = tuple(value) if isinstance(value, list | tuple) else (value,)
+        if not listed or any(unit not in units for unit in listed):
+            raise ValueError(f"must be {', '.join(map(repr, units[:-1]))} or {units[-1]!r}")
+        return listed
+
+    return BeforeValidator(check)
 
 
 class Angles(Quantity):
-    """Joint positions."""
+    """Joint positions, in units of rotation for revolute joints, of length for prismatic ones."""
 
-    unit: Literal["rad", "deg"]
+    unit: Annotated[tuple[str, ...], _one_of("rad", "deg", "m", "mm")]
+    wraps: Annotated[tuple[bool, ...] | None, BeforeValidator(_listed)] = None  # None: by the data
 
 
 class Torques(Quantity):
-    """Link-side joint torques."""
+    """Link-side torques of revolute joints, forces of prismatic ones."""
 
-    unit: Literal["N m", "mN m"]
+    unit: Annotated[tuple[str, ...], _one_of("N m", "mN m", "N", "mN")]
 
 
 class Rates(Quantity):
@@ -86,7 +117,7 @@ class Attitude(Quantity):
 class Source(Section):
     """Common keys of a sensor; None: file of the command line, time of the whole mapping."""
 
-    file: Path | None = None
+    file: Annotated[tuple[Path, ...] | None, BeforeValidator(_listed)] = None  # one, or its parts
     time: TimeColumn | None = None
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw.commands.importing.clock import RATE_RATIO, refuse_disorder
+from fsw.commands.importing.clock import RATE_RATIO, refuse_differences, refuse_disorder
 from fsw.messages import FloatArray, IntArray
 from fsw.messages.errors import ConfigError
 
@@ -47,6 +47,7 @@ def judged(
             f"{path}: {name}: {len(kept)} different samples of {len(t_ns)}; must be at least "
             f"{LEAST}"
         )
+    refuse_differences(path, name, t_ns[kept], rates_hz)
     period_ns = float(np.median(np.abs(np.diff(t_ns[kept]))))
     refuse_disorder(path, t_ns[kept], DISORDER_PERIODS * period_ns)
     held, disordered = len(t_ns) - len(kept), int((np.diff(t_ns[kept]) < 0).sum())

@@ -1,155 +1,155 @@
-"""Read columns of numbers by name from CSV with a header, NumPy .npz or ROS 2 bags."""
+"""Read columns of numbers by name from text tables, NumPy .npz or ROS 2 bags."""
 
-import csv
 import struct
+import tokenize
 import zipfile
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw.commands.importing.captures import read_text
+from fsw.commands.importing.bags import bag_columns
+from fsw.commands.importing.columns import Columns
+from fsw.commands.importing.csv_file import csv_columns, has_zone, numbers, times_s
 from fsw.messages import FloatArray
-from fsw.messages.errors import ConfigError, brief, cut, unforeseen
+from fsw.messages.errors import ConfigError, cut, unforeseen
 
-DELIMITERS = ",;\t"
-BAG_FILES = (".mcap", ".db3", ".bag")
-BAG_FOLDER = "metadata.yaml"  # is in every bag that is a folder
-JOINT_STATE, IMU = "sensor_msgs/msg/JointState", "sensor_msgs/msg/Imu"
-Columns: TypeAlias = Mapping[str, Sequence[str] | NDArray[np.generic]]
-# what a damaged file can raise in the readers of NumPy and rosbags
+TABLES = (".csv", ".txt", ".tsv", ".dat")
+# what a damaged archive can raise in NumPy's reader
 _BROKEN = (
     OSError,
     ValueError,
     LookupError,
     EOFError,
-    AssertionError,
+    TypeError,
+    ArithmeticError,
+    MemoryError,
+    RuntimeError,
+    SyntaxError,
+    struct.error,
+    tokenize.TokenError,
     zipfile.BadZipFile,
     zlib.error,
-    struct.error,
 )
+ISO = "iso"  # unit of times that are dates
 
 
 class Table:
-    """The columns of one file: .csv, .npz, or with any other suffix a ROS 2 bag.
+    """The columns of one file: a text table, .npz, or with any other suffix a ROS 2 bag.
 
     Raises
     ------
-    ConfigError when the file cannot be read, is empty or cut off, or rosbags is not installed.
+    ConfigError when the file cannot be read or is empty, or rosbags is not installed.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        reader = {".csv": _csv_columns, ".npz": _npz_columns}.get(path.suffix, _bag_columns)
-        self._columns: Columns = reader(path)
+        readers = {".npz": _npz_columns} | dict.fromkeys(TABLES, csv_columns)
+        self._columns: Columns = readers.get(path.suffix.lower(), bag_columns)(path)
+        self._used: set[str] = set()  # names of columns that have been read
 
-    def column(self, name: str) -> FloatArray:
-        """Return a column (k, m) of k rows; an empty cell is NaN.
+    @property
+    def row(self) -> str:
+        """What a row is called."""
+        return self._columns.rows
+
+    def has(self, name: str) -> bool:
+        """Return whether the file has a column."""
+        return name in self._columns.values
+
+    def notes(self, column: str) -> list[str]:
+        """Return what the reader left out, of the whole file and of a column's topic."""
+        notes = self._columns.notes
+        return [*notes.get("", ()), *notes.get(column.partition(".")[0], ())]
+
+    def column(self, name: str, unit: str = "") -> tuple[FloatArray, list[str]]:
+        """Return a column (k, m) of k rows, and notes; an empty cell is NaN, dates are seconds.
 
         Raises
         ------
-        ConfigError when no column has this name, or the column contains anything but numbers.
+        ConfigError when no column has this name, or the column contains anything but numbers (or
+        dates, with the unit `iso`).
         """
-        if name not in self._columns:
-            close = get_close_matches(name, self._columns, n=1)
-            hint = f"did you mean {close[0]!r}? " if close else ""
-            found = cut(", ".join(self._columns) or "none")
-            raise ConfigError(f"{self.path}: no column {name!r}; {hint}it has: {found}")
-        held = self._columns[name]
-        values = held if isinstance(held, np.ndarray) else self._numbers(name, held)
+        held = self._held(name)
+        notes: list[str] = []
+        values: NDArray[np.generic]
+        if not isinstance(held, np.ndarray) and unit == ISO:
+            values = times_s(self.path, name, held, self._columns.lines)
+            notes = ["times without a zone, read as UTC"] * (not has_zone(held))
+        elif not isinstance(held, np.ndarray):
+            values = numbers(self.path, name, held, self._columns.lines)
+        elif held.dtype.kind == "M":
+            values = np.where(np.isnat(held), np.nan, held.astype("M8[us]").astype(np.int64) * 1e-6)
+        else:
+            values = held
         if values.dtype.kind not in "fiu" or values.ndim not in (1, 2):
             words = f"holds {values.dtype} of shape {values.shape}"
             raise ConfigError(f"{self.path}: {name!r} {words}; must be numbers, a row a sample")
-        return values.astype(np.float64).reshape(len(values), -1)
+        return values.astype(np.float64).reshape(len(values), -1), notes
 
-    def _numbers(self, name: str, cells: Sequence[str]) -> FloatArray:
-        values = np.full(len(cells), np.nan)
-        for row, cell in enumerate(cells):
-            try:
-                values[row] = float(cell) if cell.strip() else np.nan
-            except ValueError as error:
-                words = f"{name!r} is {brief(cell)}; must be a number"
-                raise ConfigError(f"{self.path}: line {row + 2}: {words}") from error
-        return values
+    def _held(self, name: str) -> Sequence[str] | NDArray[np.generic]:
+        """Return the cells or values of a column that is mapped by name or number."""
+        columns = self._columns
+        if name in columns.values and name not in columns.twice:
+            self._used.add(name)
+            return columns.values[name]
+        if name in columns.twice:
+            words = f"has 2 columns {name!r} or more; map them by their numbers from 1 on"
+            raise ConfigError(f"{self.path}: {words}")
+        for prefix, reason in columns.absent.items():
+            if name == prefix or name.startswith(f"{prefix}."):
+                raise ConfigError(f"{self.path}: {name!r}: {reason}")
+        if name.isdecimal() and columns.by_number:
+            number, last = int(name[:9]), len(columns.by_number)
+            if 1 <= number <= last:
+                return columns.by_number[number - 1]
+            words = f"columns are counted from 1 to {last}"
+            raise ConfigError(f"{self.path}: no column {name!r}; {words}")
+        free = [own for own in columns.values if own not in self._used]
+        close = get_close_matches(name[:100], [x for x in free if _field(x) == _field(name)], n=1)
+        hint = f"did you mean {close[0]!r}? " if close else ""
+        found = cut(", ".join(columns.values) or "none")
+        raise ConfigError(f"{self.path}: no column {name!r}; {hint}it has: {found}")
 
 
-def _csv_columns(path: Path) -> Columns:
-    lines = read_text(path).splitlines()
-    delimiter = max(DELIMITERS, key=lines[0].count)
-    header = [name.strip() for name in lines[0].lstrip("#").split(delimiter)]
-    rows = list(csv.reader(lines[1:], delimiter=delimiter))
-    for number, row in enumerate(rows, 2):
-        if len(row) != len(header):
-            words = f"{len(row)} values for {len(header)} columns"
-            raise ConfigError(f"{path}: line {number} has {words}")
-    if not rows:
-        raise ConfigError(f"{path}: is empty below its header")
-    return dict(zip(header, zip(*rows, strict=True), strict=True))
+class Parts:
+    """One table, whose rows may come in several files one after another."""
+
+    def __init__(self, tables: Sequence[Table]) -> None:
+        self._tables = tables
+        self.path, self.row = tables[0].path, tables[0].row
+
+    def has(self, name: str) -> bool:
+        """Return whether all parts have a column."""
+        return all(table.has(name) for table in self._tables)
+
+    def notes(self, column: str) -> list[str]:
+        """Return what the readers left out; of several parts, with the name of the file."""
+        if len(self._tables) == 1:
+            return self._tables[0].notes(column)
+        notes = [(table.path.name, note) for table in self._tables for note in table.notes(column)]
+        return [f"{len(self._tables)} files", *(f"{name}: {note}" for name, note in notes)]
+
+    def column(self, name: str, unit: str = "") -> tuple[FloatArray, list[str]]:
+        """Return a column of all parts, and notes; see `Table.column`."""
+        found = [table.column(name, unit) for table in self._tables]
+        if len({values.shape[1] for values, _ in found}) > 1:
+            raise ConfigError(f"{self.path}: {name!r} has another width in a further file")
+        notes = dict.fromkeys(note for _, notes in found for note in notes)
+        return np.concatenate([values for values, _ in found]), list(notes)
+
+
+def _field(name: str) -> str:
+    """Return the field of a bag's column, whose topic begins with a slash; otherwise nothing."""
+    return name.split(".")[1] if name.startswith("/") and "." in name else ""
 
 
 def _npz_columns(path: Path) -> Columns:
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as held:
-            return {name: np.asarray(held[name]) for name in held.files}
+            return Columns(values={name: np.asarray(held[name]) for name in held.files})
     except _BROKEN as error:
         raise ConfigError(f"{path}: cannot be read as .npz: {unforeseen(error)}") from error
-
-
-def _bag_columns(path: Path) -> Columns:
-    """Return the columns, named TOPIC.FIELD, of all topics with joint states or inertial data."""
-    if fault := _no_bag(path):
-        raise ConfigError(f"{path}: cannot be read as a ROS 2 bag: {fault}")
-    rows: dict[str, list[dict[str, float]]] = {}
-    for topic, row in _bag_rows(path):
-        rows.setdefault(topic, []).append(row)
-    if not rows:
-        raise ConfigError(f"{path}: holds no {JOINT_STATE} and no {IMU}")
-    return {
-        f"{topic}.{name}": np.array([row.get(name, np.nan) for row in own])
-        for topic, own in rows.items()
-        for name in dict.fromkeys(name for row in own for name in row)
-    }
-
-
-def _no_bag(path: Path) -> str:
-    """Return the reason why a path cannot be a bag; empty: it may be one."""
-    if path.is_dir():
-        return "" if (path / BAG_FOLDER).exists() else f"the folder has no {BAG_FOLDER}"
-    if not path.exists():
-        return "no such file or folder"
-    kinds = "a table .csv or .npz, a bag's folder or its .mcap"
-    if path.suffix in BAG_FILES:
-        return ""
-    return f"{path.suffix or path.name} is not supported; FILE: {kinds}"
-
-
-def _bag_rows(path: Path) -> Iterator[tuple[str, dict[str, float]]]:
-    """Yield topic and values by field of every message with joint states or inertial data."""
-    try:
-        from rosbags.highlevel import AnyReader, AnyReaderError
-        from rosbags.typesys import Stores, get_typestore
-    except ImportError as error:
-        words = f"{path}: a ROS 2 bag needs {error.name}: pip install 'inertia-daemon[ros2]'"
-        raise ConfigError(words) from error
-    try:
-        with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as bag:
-            wanted = [c for c in bag.connections if c.msgtype in (JOINT_STATE, IMU)]
-            for connection, received_ns, data in bag.messages(wanted) if wanted else ():
-                message: Any = bag.deserialize(data, connection.msgtype)
-                stamp = message.header.stamp
-                row = {"stamp": stamp.sec + stamp.nanosec * 1e-9, "received": received_ns * 1e-9}
-                if connection.msgtype == IMU:
-                    for part in ("angular_velocity", "linear_acceleration"):
-                        vector = getattr(message, part)
-                        row |= {f"{part}.{axis}": getattr(vector, axis) for axis in "xyz"}
-                else:
-                    for part in ("position", "effort"):
-                        pairs = zip(message.name, getattr(message, part), strict=False)
-                        row |= {f"{part}.{name}": float(value) for name, value in pairs}
-                yield connection.topic, row
-    except (AnyReaderError, *_BROKEN) as error:
-        raise ConfigError(f"{path}: cannot be read as a ROS 2 bag: {unforeseen(error)}") from error

@@ -69,24 +69,26 @@ def jumps(
     t_ns: IntArray,
     limits: FloatArray,
     slack: FloatArray,
+    units: Sequence[str],
 ) -> list[str]:
     """Return a line per column with steps that exceed the speed limit of the joint.
 
     Parameters
     ----------
     columns : (width,) names
-    values : (k, width) positions in order of time [rad]
+    values : (k, width) positions in order of time [rad, or m]
     t_ns : (k,) their stamps [ns]
-    limits : (width,) speed limits [rad/s]
-    slack : (width,) allowance added to the motion at that limit [rad]
+    limits : (width,) speed limits [rad/s, or m/s]
+    slack : (width,) allowance added to the motion at that limit [rad, or m]
+    units : (width,) unit of each position
     """
     steps = np.abs(np.diff(values, axis=0))
     allowed = slack + limits * np.diff(t_ns)[:, None] * 1e-9
     return [
-        f"jumps of {column} that {limit:g} rad/s do not allow: {count}, the largest "
-        f"{step[is_jump].max():.3g} rad"
-        for column, limit, step, is_jump in zip(
-            columns, limits, steps.T, (steps > allowed).T, strict=True
+        f"jumps of {column} that {limit:g} {unit}/s do not allow: {count}, the largest "
+        f"{step[is_jump].max():.3g} {unit}"
+        for column, limit, unit, step, is_jump in zip(
+            columns, limits, units, steps.T, (steps > allowed).T, strict=True
         )
         if (count := int(is_jump.sum()))
     ]

@@ -50,6 +50,7 @@ _READERS = {
     ".log": can.CanutilsLogReader,
     ".trc": can.TRCReader,
 }
+_OBJECT = struct.Struct("<8xII")  # of BLF: signature and header, size of the object, type
 _Rows = dict[str | None, list[bytes]]  # frames by channel
 
 
@@ -110,7 +111,7 @@ def _binary(path: Path) -> tuple[_Rows, list[str]]:
     with _Warnings() as warnings:
         if path.suffix == ".blf":
             with path.open("rb") as file:
-                reader = can.BLFReader(file)
+                reader = _BlfReader(file)
                 found = [_row(message) for message in reader]
                 written = reader.file_size
                 if reader.start_timestamp:
@@ -171,6 +172,19 @@ def _row(message: can.Message, t_ns: int | None = None) -> tuple[str | None, byt
         raise ValueError(f"a frame of {len(message.data)} bytes")
     channel = None if message.channel is None else str(message.channel)
     return channel, message_row(t_ns, message)
+
+
+class _BlfReader(can.BLFReader):
+    """python-can's reader, which never ends on a damaged object that says it has no bytes."""
+
+    def _parse_data(self, data: bytes) -> Iterator[can.Message]:
+        pos = 0
+        while (pos := data.find(b"LOBJ", pos, pos + 8)) >= 0 and pos + _OBJECT.size <= len(data):
+            size, _ = _OBJECT.unpack_from(data, pos)
+            if size < _OBJECT.size:
+                raise can.io.blf.BLFParseError(f"an object of {size} bytes")
+            pos += size
+        yield from super()._parse_data(data)
 
 
 class _Warnings(logging.Handler):

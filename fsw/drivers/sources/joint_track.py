@@ -32,10 +32,17 @@ Refused = tuple[int, Reject, Fault | None]  # place in the batch, reason, and fa
 
 
 class Calibration:
-    """Calibration of joints: sign and zero offset of positions; gain and offset of torques."""
+    """Calibration of joints: sign and zero offset of positions; gain and offset of torques.
 
-    def __init__(self, joints: Sequence[JointConfig]) -> None:
-        units = [1.0 if joint.kind == "revolute" else 1.0 / tau for joint in joints]
+    Parameters
+    ----------
+    on_wire : positions are those of a node, where a revolution of a prismatic joint is a metre;
+        False: they are metres
+    """
+
+    def __init__(self, joints: Sequence[JointConfig], *, on_wire: bool = True) -> None:
+        turned = [on_wire and joint.kind == "prismatic" for joint in joints]
+        units = [1.0 / tau if is_turned else 1.0 for is_turned in turned]
         self._sign = np.array([joint.sign for joint in joints]) * units
         self._zero_rad = np.array([joint.zero_offset_rad for joint in joints])  # 0 for a speed
         self._gain = np.array([joint.sign * joint.torque_gain for joint in joints], float)
@@ -46,9 +53,8 @@ class Calibration:
     ) -> tuple[FloatArray, FloatArray]:
         """Return calibrated positions (or speeds) and torques, in zero and sign of the URDF.
 
-        position = sign x raw - zero_offset, where a raw revolution of a prismatic joint is a
-        metre; torque = sign x gain x raw - offset. `joint` (k,) is the place of each value's joint
-        in the list given to the constructor.
+        position = sign x raw - zero_offset; torque = sign x gain x raw - offset. `joint` (k,) is
+        the place of each value's joint in the list given to the constructor.
         """
         return (
             self._sign[joint] * position_rad - self._zero_rad[joint],

@@ -28,7 +28,9 @@ from fsw.messages.errors import WRONG_CONTENT
 from fsw.messages.findings import Finding
 
 POSITION, TORQUE = "position_rad", "torque_nm"  # keys of values of joints, by name
+POSITION_M, FORCE_N = "position_m", "force_n"  # of prismatic joints
 SPEED = "speed_rad_s"  # key of joints whose encoder gives no position, and of wheels, by name
+SPEED_M_S = "speed_m_s"  # of prismatic joints
 RATE, FORCE = "w_NS_S_rad_s", "f_NS_S_m_s2"
 QUATERNION = "q_xyzw"
 NORM_TOLERANCE = 1e-2
@@ -89,21 +91,27 @@ class SampleSource:
 def joint_samples(config: Config) -> SampleSource:
     """Return the source of all joints: positions [rad] and torques [N m] by name of the joint.
 
-    Joints with `encoder: speed` have speeds [rad/s] in place of positions.
+    Joints with `encoder: speed` have speeds [rad/s] in place of positions. Prismatic joints have
+    keys of their own, in m, N and m/s.
     """
     joints = config.joints
     names, n = [joint.name for joint in joints], len(joints)
-    calibration, every = Calibration(joints), np.arange(n)
+    calibration, every = Calibration(joints, on_wire=False), np.arange(n)
     offsets_s = {bus.name: bus.latch_offset_s for bus in config.buses}
     offsets_ns = np.array([round(offsets_s[joint.bus] * 1e9) for joint in joints], np.int64)
     limits_nm = np.array([joint.torque_limit_nm for joint in joints])
-    readings = [(SPEED if joint.speed_only else POSITION, joint.name) for joint in joints]
+    keys = [
+        ((SPEED if joint.speed_only else POSITION), TORQUE)
+        if joint.kind == "revolute"
+        else ((SPEED_M_S if joint.speed_only else POSITION_M), FORCE_N)
+        for joint in joints
+    ]
     blind = np.array([joint.torque == "none" for joint in joints])
 
     def row(message: Mapping[str, Any]) -> list[float]:
-        torque = message.get(TORQUE, {})
-        found = [float(message[key][name]) for key, name in readings]
-        return found + [float(torque.get(name, np.nan)) for name in names]
+        pairs = list(zip(names, keys, strict=True))
+        found = [float(message[key][name]) for name, (key, _) in pairs]
+        return found + [float(message.get(key, {}).get(name, np.nan)) for name, (_, key) in pairs]
 
     def build(t_ns: IntArray, values: FloatArray) -> JointSamples:
         joint, stamps = np.tile(every, len(t_ns)), np.repeat(t_ns, n)

@@ -107,6 +107,14 @@ def test_microseconds_that_an_asc_header_cannot_hold_are_a_doubt_that_is_said(ar
     assert "known to 1 ms" in arm.said
 
 
+@pytest.mark.parametrize("suffix", [".blf", ".trc"])
+def test_logs_of_other_forms_have_the_stamps_of_the_candump_log(arm, suffix):
+    start_s = START_S + 0.042637
+    expected = reference(arm, start_s)
+    assert arm.can(write_log(arm.folder / f"a{suffix}", start_s)) == 0
+    assert stamps_ns(arm.out) == expected
+
+
 def test_a_header_in_seconds_is_known_to_a_second(arm):
     text = HEADER.replace("30.000", "30") + NO_EVENTS + "".join(asc_lines())
     (arm.folder / "a.asc").write_text(text)

@@ -1,8 +1,10 @@
 """Samples that another program decoded are calibrated and timed like those of the wire."""
 
 import json
+from pathlib import Path
 
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
 from fsw.config import load
@@ -13,7 +15,13 @@ from fsw.drivers.sources.samples import (
     wheel_samples,
 )
 from fsw.drivers.wire import ByteChunk
+from tests.support.import_cases import robot
 from tests.support.wheel_cases import wheel_config
+
+
+@pytest.fixture
+def rail(tmp_path: Path) -> Path:
+    return robot(tmp_path, sampled=True, kinds=("revolute", "prismatic"))
 
 
 def message(t_ns: int, **values: object) -> ByteChunk:
@@ -39,6 +47,20 @@ def test_sign_zero_gain_offset_and_latch_are_the_configurations(arm):
     assert np.allclose(samples.torque_nm, [-1.0, 1.0, 3.0, -1.0, np.nan], equal_nan=True)
     assert (samples.t_ns - samples.t_receive_ns == 1_000_000).all()
     assert (source.counters["accepted"], source.counters["reject_range"]) == (5, 1)
+
+
+def test_a_prismatic_joint_has_metres_and_newtons_under_their_own_keys(rail):
+    source = joint_samples(load(rail))
+    samples = source.feed(
+        [
+            message(10, position_rad={"j1": 0.3}, torque_nm={"j1": 2.0}, position_m={"j2": 0.25}),
+            message(20, position_rad={"j1": 0.3}, position_m={"j2": 0.5}, force_n={"j2": 7.0}),
+            message(30, position_rad={"j1": 0.3, "j2": 0.5}),  # metres are no radians
+        ]
+    )
+    assert samples.position_rad.tolist() == [0.3, 0.25, 0.3, 0.5]
+    assert np.allclose(samples.torque_nm, [2.0, np.nan, np.nan, 7.0], equal_nan=True)
+    assert source.counters["reject_length"] == 1
 
 
 def test_a_joint_without_torque_sensor_has_none(arm):
