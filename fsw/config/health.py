@@ -3,6 +3,7 @@
 from pydantic import Field
 
 from fsw.config.base import Positive, Section
+from fsw.false_alarms import per_test
 
 
 class HealthConfig(Section):
@@ -14,6 +15,8 @@ class HealthConfig(Section):
     recover_s: Positive = 0.5  # a fault that does not recur for this time is over
     jitter_s: Positive = 0.003  # largest lateness of the inertial unit's arrivals by its clock
     tracker_late_s: Positive = 0.05  # largest lateness of a solution by the unit's clock
-    false_alarm_probability: float = Field(default=1e-9, gt=0, le=1e-3)  # of one consistency test
+    false_alarm_probability: float = Field(  # of one test of one sensor's innovation
+        default=per_test("sensor"), gt=0, le=1e-3
+    )
     stall_s: Positive = 0.005  # the loop is stalled if it gets no processor for this time
     slip_ratio: float = Field(default=0.2, gt=0, le=1)  # share of ticks missed in half a second

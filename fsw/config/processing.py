@@ -19,6 +19,7 @@ from fsw.config.base import (
     Vector3,
 )
 from fsw.config.constants import EARTH_GRAVITY_PARAMETER_M3_S2
+from fsw.false_alarms import per_test
 
 WindowLength = Annotated[float, Field(gt=0, le=1e3, allow_inf_nan=False)]  # s
 
@@ -73,7 +74,8 @@ class EstimatorConfig(Section):
     target_force_sigma_n: ForceSigma = 0.0  # prior of a constant wrench at the target's centre of
     target_torque_sigma_nm: TorqueSigma = 0.0  # mass, such as air; 0: none estimated
     outside_wrench: Literal["ignore", "watch"] = "ignore"  # watch: find and leave out windows
-    gate_probability: float = Field(default=1e-6, gt=0, lt=0.1)  # false-alarm rate of the NIS gate
+    # false-alarm rate of the innovation gate, per window
+    gate_probability: float = Field(default=per_test("gate"), gt=0, lt=0.1)
     condition_limit: Positive = 1e8
     forgetting_time_s: LongDuration | None = None  # time constant of information; null: none
 

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotri, dtrtrs
 
+from fsw import false_alarms
 from fsw.config import WheelConfig
 from fsw.estimators.window_fit import Instants, Wanted, fit_windows
 from fsw.messages import ChannelWindow, FloatArray, IntArray
@@ -22,7 +23,7 @@ from fsw.messages import ChannelWindow, FloatArray, IntArray
 BEFORE_PERIODS = 4.0  # report periods before the window whose samples are used too
 SILENT_PERIODS = 5.0  # without a sample for longer, the momentum counts as unknown
 MOST_SAMPLES = 48  # of momentum or of torque; more are averaged in groups
-GATE_SIGMAS = 6.0
+GATE_SIGMAS = false_alarms.sigmas("sample", sides=2)  # of white noise
 LEAST_PER_NODE = 3  # samples; with fewer no polynomial is fitted
 SPIKE_RATIO, MIN_SPIKES = 0.05, 3
 VAGUE = 1e3  # noise sigmas by which the momentum before the first sample is uncertain

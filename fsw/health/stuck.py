@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.config import Config
+from fsw.false_alarms import per_test
 from fsw.messages import FloatArray, ImuSamples, IntArray, JointSamples, Samples
 from fsw.messages.findings import Fault, Finding
 
-FALSE_ALARM = 1e-12  # probability per sample
+FALSE_ALARM = per_test("health")  # probability per sample
 QUIETER = 3.0
 TORQUE_STEP_NM: Mapping[str, float] = {"classic": 1e-2, "fd": 1e-4}
 CLUSTER_SAMPLES = 3  # equal vectors of three noisy 24-bit readings: below 1e-12 for any real unit

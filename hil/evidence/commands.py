@@ -9,7 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hil.options import count, seed
+from hil.options import count, count_or_none, seed
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -57,6 +57,7 @@ def add_parsers(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     wrong.set_defaults(command=_mistakes)
     _add_calibration(commands)
     _add_real(commands)
+    _add_alarms(commands)
     soak = commands.add_parser("soak", help="hours in virtual time under random faults")
     soak.add_argument("--hours", type=float, default=2.0, metavar="H", help="virtual, 2")
     soak.add_argument("--rate", type=float, default=500.0, metavar="HZ", help="bus and loop, 500")
@@ -85,6 +86,28 @@ def add_parsers(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     bench.add_argument("--out", type=Path, metavar="DIR", help="keep the runs and resume")
     bench.add_argument("--json", action="store_true", help="print one JSON object")
     bench.set_defaults(command=_bench)
+
+
+def _add_alarms(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    alarms = commands.add_parser("alarms", help="clean flights on fresh seeds: which checks fire?")
+    alarms.add_argument(
+        "--scenario", action="append", default=[], help="this one; may be repeated; nine"
+    )
+    alarms.add_argument(
+        "--samples", type=count_or_none, default=1000, metavar="N", help="flights of each, 1000"
+    )
+    alarms.add_argument(
+        "--bytes",
+        type=count_or_none,
+        default=100,
+        metavar="N",
+        dest="from_bytes",
+        help="flights of each from the devices' bytes, 100",
+    )
+    alarms.add_argument("--jobs", type=count, default=1, metavar="N", help="processes, 1")
+    alarms.add_argument("--out", type=Path, metavar="DIR", help="keep the flights and resume")
+    alarms.add_argument("--json", action="store_true", dest="as_json", help="print one JSON object")
+    alarms.set_defaults(function="hil.evidence.alarms.command:run")
 
 
 def _add_real(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:

@@ -1,10 +1,8 @@
 """Judging innovations: noise level, outliers, whiteness, and a change of what is estimated.
 
 An outlier is one block whose normalised innovation squared (NIS) noise does not explain; a change
-is a run of them. The sum over blocks of their excess, less a drift and never below zero, is Page's
-cumulative sum. A block's excess counts at most half the alarm's threshold, so that one block alone
-never raises it, whatever it holds.
-Source: Page, Biometrika 41 (1954); Basseville, Nikiforov, Detection of Abrupt Changes (1993), 2.2.
+is a run of them, which Page's sum shows (`page_sum`).
+Source: Basseville, Nikiforov, Detection of Abrupt Changes (1993), 2.2.
 """
 
 from collections.abc import Sequence
@@ -15,19 +13,19 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtri
 
+from fsw.estimators.recursive import page_sum
 from fsw.estimators.recursive.snapshot import Values, kept, put
+from fsw.false_alarms import per_test, sigmas
 from fsw.messages import FloatArray
 
-EXCESS_LIMIT = 6.0  # limit on one block's excess of NIS, in standard deviations
-DRIFT = 1.0  # standard deviations subtracted per block
-THRESHOLD = 12.0  # 1e-10 alarms per block for Gaussian excess (exp(-2 DRIFT THRESHOLD))
 _STATE = ("nis", "nis_dof", "level", "_sum", "_previous", "_lag", "_pairs")
 SLOW_BLOCKS = 16  # 6.4 s at the default window: slower than any sensor, faster than a motion
-SLOW_PROBABILITY = 1e-6
+SLOW_PROBABILITY = per_test("slow")
 MISMATCH_LEVEL = 9.0  # noise variance over the declared one that no sensor's noise explains
-COLOURED_SIGMAS = 4.9  # of white residuals' lag-1 correlation: once in a million sets
+COLOURED_SIGMAS = sigmas("colour")  # of white residuals' lag-1 correlation
 COLOURED = 0.03  # least correlation between blocks that the conditioner's rounding does not explain
-LEVEL_SIGMAS = 5.0  # how far above one a noise level must stand out to be believed
+MEDIAN_LOSS = 1.25**2  # variance of a median over that of the mean
+CHANGE_RATE = per_test("change")
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,8 +42,8 @@ def slow_power(residuals: Sequence[FloatArray], level: float) -> tuple[float, fl
     Whitened residuals of SLOW_BLOCKS successive blocks are summed and divided by the root of their
     number. If they are white, the sum has unit variance; a slower drift has up to SLOW_BLOCKS times
     as much. Effects that no parameter of rigid bodies explains and that are not noise, as sloshing
-    liquid, show here long before they show in the level. White residuals exceed the limit in one of
-    a million sets at most, because fitting only removes slow power. Source: batch means, Box,
+    liquid, show here long before they show in the level. White residuals exceed the limit with
+    SLOW_PROBABILITY at most, because fitting only removes slow power. Source: batch means, Box,
     Jenkins, Time Series Analysis (1976), 2.1.
 
     Parameters
@@ -92,12 +90,14 @@ class InnovationMonitor:
     ----------
     nis, nis_dof : normalised innovation squared of the newest block and its degrees of freedom
     level : noise variance over the declared one; 1 unless the residuals clearly show more
+    step : what the newest block added to Page's sum, whose limit is 1; 0: it was not judged
     """
 
     def __init__(self, gate_probability: float) -> None:
         self._gate_probability = gate_probability
         self.nis, self.nis_dof = 0.0, 0
         self.level = 1.0
+        self.step = 0.0
         self._sum = 0.0
         self._previous: FloatArray | None = None
         self._lag = np.zeros(2)  # sum of products of successive innovations; of their squares
@@ -122,32 +122,33 @@ class InnovationMonitor:
         While `armed` is False (not settled), every innovation is accepted and none is summed.
         """
         dof = len(white)
-        self.nis, self.nis_dof = float(white @ white), dof
+        self.nis, self.nis_dof, self.step = float(white @ white), dof, 0.0
         if not armed or dof == 0:
             self._previous = None
             return Judgement(True, False)
         nis = self.nis / self.level
-        excess = min((nis - dof) / np.sqrt(2.0 * dof), EXCESS_LIMIT)
-        self._sum = max(0.0, self._sum + excess - DRIFT)
+        self.step = page_sum.step(nis, dof, CHANGE_RATE)
+        self._sum = max(0.0, self._sum + self.step)
         accepted = bool(nis <= chdtri(dof, self._gate_probability))
         if accepted:
             self._correlate(white)
         else:
             self._previous = None
-        return Judgement(accepted, bool(self._sum > THRESHOLD))
+        return Judgement(accepted, self._sum > 1.0)
 
     def learn_level(self, levels: FloatArray, dof: int, parameters: float) -> None:
         """Set the noise level from the mean squared residuals of the newest blocks.
 
-        The level is their median, corrected for the parameters fitted; one unless it stands out.
+        The level is their median, corrected for the parameters fitted; one unless it stands out: a
+        median of chi-square means has MEDIAN_LOSS times the variance of their mean.
         """
         count = len(levels)
         spare = count * dof - parameters
         if count < 4 or spare <= 0:
             return
         level = float(np.median(levels)) * count * dof / spare
-        spread = 1.25 * np.sqrt(2.0 / spare)  # of a median of chi-square means
-        self.level = level if level > 1.0 + LEVEL_SIGMAS * spread else 1.0
+        alike = spare / MEDIAN_LOSS
+        self.level = level if level > chdtri(alike, per_test("level")) / alike else 1.0
 
     def whiteness(self) -> tuple[float, float]:
         """Return the lag-1 correlation of the innovations and its 99.9 % bound if white."""

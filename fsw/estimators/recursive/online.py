@@ -23,8 +23,10 @@ from fsw.estimators.recursive.bias_compensated import BiasCompensatedEstimator
 from fsw.estimators.recursive.isolation import ChannelScreen
 from fsw.estimators.recursive.outcome import WEAKEST_GAIN, outcome, weakest_gain
 from fsw.estimators.recursive.recursion import EventWords, Recursion
+from fsw.estimators.recursive.rival import Rival, Standing
 from fsw.estimators.recursive.snapshot import Values, check_fit, kept, put
 from fsw.estimators.square_root import SquareRootInformation
+from fsw.false_alarms import per_test
 from fsw.messages import Block, Estimate, FloatArray
 from fsw.messages.errors import NUMERICAL, EstimatorError, unforeseen
 from fsw.messages.findings import Finding
@@ -43,7 +45,7 @@ class OnlineEstimator:
         rows: RowsFunction,
         *,
         linear: bool,
-        false_alarm: float = 1e-9,
+        false_alarm: float = per_test("sensor"),
     ) -> None:
         """`false_alarm`: probability that one good channel of one block is called inconsistent."""
         self.problem, self.rows, self.linear = problem, rows, linear
@@ -52,12 +54,14 @@ class OnlineEstimator:
 
     def reset(self) -> None:
         """Discard all blocks; return to the prior."""
-        screen = ChannelScreen(self.problem.model.joint_names, self._false_alarm)
-        self.recursion = Recursion(
-            self.problem, self._settings, self.rows, screen, linear=self.linear
-        )
+        self.recursion = self._new()
+        self.rival: Rival | None = None  # the estimate before a change that is not certain yet
         self._after = -1
         self._ignored = self._due = 0
+
+    def _new(self) -> Recursion:
+        screen = ChannelScreen(self.problem.model.joint_names, self._false_alarm)
+        return Recursion(self.problem, self._settings, self.rows, screen, linear=self.linear)
 
     def adopt(self, result: Mapping[str, Any]) -> None:
         """Start again from a batch result: its mean and covariance become the prior.
@@ -87,12 +91,18 @@ class OnlineEstimator:
     @property
     def blocks(self) -> tuple[Block, ...]:
         """Return the blocks a snapshot refers to, oldest first."""
-        return self.recursion.memory.blocks
+        own = self.recursion.memory.blocks
+        if self.rival is None:
+            return own
+        every = {block.index: block for block in (*self.rival.recursion.memory.blocks, *own)}
+        return tuple(every[index] for index in sorted(every))
 
     def snapshot(self) -> dict[str, Any]:
         """Return the whole state as plain values; stored blocks by their index."""
         names = {"kind": "online", "names": list(self.problem.names)}
-        return names | kept(self, _STATE) | {"recursion": self.recursion.snapshot()}
+        rival = None if self.rival is None else self.rival.snapshot()
+        state = {"recursion": self.recursion.snapshot(), "rival": rival}
+        return names | kept(self, _STATE) | state
 
     def restore(self, values: Values, blocks: Mapping[int, Block]) -> None:
         """Continue from a snapshot as if there had been no interruption.
@@ -102,7 +112,11 @@ class OnlineEstimator:
         EstimatorError if it is of another problem or a block is missing; nothing is changed then.
         """
         check_fit(self.problem, "online", values)
+        rival = None if values["rival"] is None else Rival(self._new())
+        if rival is not None:
+            rival.restore(values["rival"], blocks)
         self.recursion.restore(values["recursion"], blocks)
+        self.rival = rival
         put(self, _STATE, values)
 
     def push(self, block: Block) -> Estimate:
@@ -116,16 +130,31 @@ class OnlineEstimator:
         fresh = block.index > self._after
         if fresh:
             self._after = block.index
-            try:
-                self.recursion.fold(block)
-            except NUMERICAL as error:
-                self._begin_again(error)
+            self._fold(block)
             self._due = 0 if self.linear else WORK_PER_BLOCK
         else:
             self._ignored += 1
         estimate = self.estimate(int(block.t_ns[-1]))
         self.recursion.armed |= fresh and estimate.valid and not self.linear
         return estimate
+
+    def _fold(self, block: Block) -> None:
+        """Fold a block in; after a change, decide whether the estimate before it still holds."""
+        changed = False
+        try:
+            changed = self.recursion.fold(block)
+        except NUMERICAL as error:
+            self._begin_again(error)
+        if self.rival is not None:
+            standing = self.rival.fold(block)
+            if standing is Standing.CONFIRMED:
+                self.rival.recursion.resume(self.recursion, self.rival.blocks)
+                self.recursion = self.rival.recursion
+            if standing is not Standing.OPEN:
+                self.rival = None
+        elif changed:
+            self.rival = Rival(self.recursion)
+            self.recursion = self.recursion.reopened()
 
     def screened(self, block: Block) -> Block:
         """Return the newest block without what did not fit the model; any other block unchanged."""
@@ -140,6 +169,8 @@ class OnlineEstimator:
                 self.recursion.work()
                 due -= 1
             self.recursion.memory.make_one()
+            if self.rival is not None:
+                self.rival.recursion.memory.make_one()
         except NUMERICAL as error:
             self._begin_again(error)
 
@@ -271,6 +302,7 @@ class OnlineEstimator:
         recursion, trust = self.recursion, self.recursion.trust
         few = "REOPENED" if recursion.changes else "TOO_FEW_BLOCKS"
         against = (
+            (self.rival is not None, "REOPENED"),
             (recursion.since < self._settings.settle_blocks, few),
             (not recursion.pacing.settled, "NOT_CONVERGED"),
             (trust.mismatch(recursion.monitor.level), "MODEL_MISMATCH"),

@@ -1,15 +1,16 @@
 """Conversion of state and covariance to the published estimate, for all recursive estimators."""
 
 import numpy as np
-from scipy.special import chdtri
 
 from fsw.estimators.diagnosis import gains
-from fsw.estimators.model.inertia import PARAMETERS
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.publish import body_estimate, whole_estimate
+from fsw.false_alarms import sigmas
 from fsw.messages import Estimate, FloatArray
 
-INCONSISTENT = 1e-3  # probability that noise moves a body so far out of the consistent ones
+# squared distance, whitened, of a body from the consistent ones; noise moves a body at their border
+# out of them along one direction
+INCONSISTENT = sigmas("consistency") ** 2
 WEAKEST_GAIN = 0.5  # least information of data over prior, in any combination of body parameters
 
 
@@ -56,7 +57,7 @@ def outcome(
     bodies = {}
     for name in problem.unknown:
         bodies[name], distance = body_estimate(problem, name, x, covariance)
-        if not reason and distance > chdtri(PARAMETERS, INCONSISTENT):
+        if not reason and distance > INCONSISTENT:
             reason = "NOT_CONSISTENT"
     whole = None if q_rad is None else whole_estimate(problem, x, covariance, q_rad)
     k, shown = problem.bodies, problem.published

@@ -9,7 +9,10 @@ good if no momentum is estimated. A change of the bodies looks like a wrench in 
 change explains several blocks and a wrench does not.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any
@@ -76,6 +79,13 @@ class OutsideWatch:
         self._good, self._since_ns = 0, 0
         self._largest = np.zeros(2)  # force [N], moment [N m]
         self._events: list[tuple[str, str, str]] = []
+
+    def copied(self) -> OutsideWatch:
+        """Return a copy without the events, which stay here."""
+        other = copy(self)
+        other._suspects, other._places = [*self._suspects], [*self._places]  # noqa: SLF001
+        other._events = []  # noqa: SLF001
+        return other
 
     def take_events(self) -> list[tuple[str, str, str]]:
         """Return and discard severity, code and text of what happened."""

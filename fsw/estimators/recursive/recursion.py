@@ -6,8 +6,11 @@ does not explain re-opens the estimate to the prior's spread; a prior that the d
 widened. Both are reported as events. `online` decides when units of work are done.
 """
 
+from __future__ import annotations
+
 from collections import deque
 from collections.abc import Mapping
+from copy import copy, deepcopy
 from dataclasses import replace
 from typing import Any
 
@@ -209,11 +212,19 @@ class Recursion:
                 break
             self.work()
 
-    def fold(self, block: Block) -> None:
-        """Linearise a new block, judge it, and fold it in if it fits."""
+    def fold(self, block: Block) -> bool:
+        """Linearise a new block, judge it, and fold it in if it fits.
+
+        Returns
+        -------
+        whether the blocks no longer fit the estimate, which must be re-opened (`reopened`)
+        """
+        self.monitor.step = 0.0
         if self.outside is not None:
-            if self.armed and self._is_outside(block, self.outside):
-                return
+            if self.armed:
+                verdict = self._outside_verdict(block, self.outside)
+                if verdict is not Verdict.FITS:
+                    return verdict is Verdict.CHANGE
             block = self._at_momentum(block, self.outside)
         self._follow_walks(block)
         at = self.memory.at if self._in_doubt else self._point()
@@ -227,7 +238,7 @@ class Recursion:
             self.used = replace(block, has_attitude=False)
         if rows is None:
             self.gated += 1
-            return
+            return False
         end_ns = int(block.t_ns[-1])
         self._age(end_ns)
         innovation = rows.b - rows.A @ (self.x - at)
@@ -235,7 +246,7 @@ class Recursion:
         judgement = self.monitor.judge(white, armed=self.armed)
         if self.monitor.nis > ABSURD * len(white):
             self.gated += 1
-            return
+            return judgement.changed
         self.q_rad = block.q_rad[-1]
         self.trust.note(self.monitor.level)
         if not judgement.accepted:
@@ -243,26 +254,23 @@ class Recursion:
             if self.problem.modes is not None:  # the arm moved, and its modes with it
                 self.memory.add(block, rows, at, keep=not self.linear, weight=0.0)
         elif not self._absorb(block, rows, at, end_ns):
-            return
+            return False
         elif self.blocks % NOISE_BLOCKS == 0:
             self._learn_noise()
-        if judgement.changed:
-            self._reopen()
+        return judgement.changed
 
-    def _is_outside(self, block: Block, watch: OutsideWatch) -> bool:
-        """Return whether a block was left out, for a wrench from outside or a change of bodies."""
+    def _outside_verdict(self, block: Block, watch: OutsideWatch) -> Verdict:
+        """Return whether a block fits; else leave it out."""
         if not plausible(block):
-            return False
+            return Verdict.FITS
         root = self.memory.information.covariance_root()
         verdict = watch.judge(self.noise.applied(block), self.x, root, self.monitor.level)
         if verdict is Verdict.FITS:
-            return False
+            return verdict
         nothing = np.zeros_like(block.has_joint)
         self.used = replace(block, has_joint=nothing, has_gyro=False, has_accelerometer=False)
         self.gated += 1
-        if verdict is Verdict.CHANGE:
-            self._reopen()
-        return True
+        return verdict
 
     def _at_momentum(self, block: Block, watch: OutsideWatch) -> Block:
         """Begin with a new momentum after a wrench, if it is found; return the block to be used.
@@ -350,18 +358,38 @@ class Recursion:
         self.x = mean
         return True
 
-    def _reopen(self) -> None:
-        mean, blocks = self._point(), self.since
-        self.changes += 1
-        trust = self.trust.successor(blocks, self.changes)
-        self.start(mean, self.origin.stated)
-        self.trust = trust
+    def reopened(self) -> Recursion:
+        """Return a recursion that begins at this estimate with the prior's spread.
+
+        It has the counters, the events and the knowledge of the sensors. This one stays as it is,
+        without its events and with Page's sum at zero.
+        """
         self.monitor.restart()
+        opened = copy(self)
+        opened.origin = copy(self.origin)
+        opened.monitor, opened.noise = deepcopy(self.monitor), deepcopy(self.noise)
+        self._events = deque(maxlen=EVENT_LIMIT)
+        if self.outside is not None:
+            opened.outside = self.outside.copied()
+        opened.changes += 1
+        opened.start(self._point(), self.origin.stated)
+        opened.trust = self.trust.successor(self.since, opened.changes)
+        opened.report_opening(self.since)
+        return opened
+
+    def resume(self, opened: Recursion, blocks: int) -> None:
+        """Continue in place of a re-opened recursion whose alarm `blocks` blocks have refuted."""
+        text = f"the {blocks} blocks since fit the estimate before the change; it continues"
+        every = (*opened._events, *self._events, ("info", "CHANGE_REFUTED", text))
+        self._events = deque(every, maxlen=EVENT_LIMIT)
+
+    def report_opening(self, blocks: int) -> None:
+        """Report a change that was found after a number of blocks."""
         text = f"the innovations no longer fit the {blocks} blocks before; estimate re-opened"
         unknown = self.problem.unknown
         if len(unknown) > 1:
             text += f"; they do not tell which of {' and '.join(unknown)} has changed"
-        text += "; it did not fit before either and must fit for longer now" * trust.suspect
+        text += "; it did not fit before either and must fit for longer now" * self.trust.suspect
         self._events.append(("medium", "CHANGE_DETECTED", text))
 
     def _begin_pass(self) -> None:

@@ -31,6 +31,7 @@ _TABLE: tuple[tuple[int, str, Severity, str], ...] = (
     (23, "PRIOR_CONFLICT", _MEDIUM, "the data contradict the prior, which was widened"),
     (24, "COMMAND_FAILED", _HIGH, "a command failed with an error nobody foresaw"),
     (25, "NOISE_CORRELATED", _MEDIUM, "noise is correlated in time; sigmas follow it"),
+    (26, "CHANGE_REFUTED", _INFO, "a change was a false alarm; the estimate before it continues"),
     (30, "BATCH_DONE", _INFO, "the batch job has a result"),
     (31, "BATCH_FAILED", _MEDIUM, "the batch job has failed"),
     (32, "BATCH_ABORTED", _MEDIUM, "the batch job was aborted"),

@@ -1,0 +1,47 @@
+"""How often checks may fail a flight in which nothing is wrong, and the share of each check.
+
+A clean flight has the sensors, bodies and priors that its configuration declares. All checks that
+discard data or refuse an estimate together fail at most FLIGHT_RATE of them. Every check computes
+its threshold from its share, by the number of its tests in a flight (union bound). Longer flights
+fail in proportion. `docs/false_alarms.md` derives the rate of every check.
+"""
+
+from collections.abc import Mapping
+
+from scipy.special import ndtri
+
+FLIGHT_RATE = 1e-4  # clean flights that any check fails
+BLOCKS = 200  # windows of a flight: 80 s at 0.4 s; passes over the blocks are fewer
+SENSORS = 25  # sensors judged one by one: joints, accelerometer and gyro
+PRIOR_TESTS = 200  # groups of the prior times the independent looks at each of them
+SAMPLES = 2_000_000  # samples of all channels: 19 channels at 500 Hz for 80 s, and spare
+
+SHARES: Mapping[str, float] = {
+    "gate": 1e-5,  # one block left out
+    "outside": 1e-5,  # one block taken for a wrench from outside
+    "change": 1e-5,  # Page's sum: the estimate is re-opened
+    "sensor": 5e-6,  # one sensor of one block left out
+    "slow": 1e-5,  # slow power of residuals: MODEL_MISMATCH
+    "colour": 1e-5,  # correlation between blocks: MODEL_MISMATCH
+    "level": 1e-5,  # the noise level is believed to be above the declared one
+    "prior": 2e-5,  # a group of the prior contradicted: PRIOR_CONFLICT
+    "consistency": 5e-6,  # a body far from any possible one: NOT_CONSISTENT
+    "sample": 5e-6,  # one sample left out of a window
+    "health": 5e-6,  # stuck sensors, gyro against star tracker
+}
+TESTS: Mapping[str, int] = {
+    "sensor": BLOCKS * SENSORS,
+    "prior": PRIOR_TESTS,
+    "sample": SAMPLES,
+    "health": SAMPLES,
+}
+
+
+def per_test(check: str) -> float:
+    """Return the probability with which one test of a check may fail in a clean flight."""
+    return SHARES[check] / TESTS.get(check, BLOCKS)
+
+
+def sigmas(check: str, *, sides: int = 1) -> float:
+    """Return the standard normal value that one test of a check exceeds with its probability."""
+    return float(-ndtri(per_test(check) / sides))

@@ -1,0 +1,122 @@
+"""`hil alarms`: how often each check fails a clean flight, beside the rate it states."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from scipy.stats import beta
+
+from fsw.false_alarms import FLIGHT_RATE, SHARES
+from hil.evidence import runner
+from hil.evidence.alarms.case import BYTES, SAMPLES, Case, work
+from hil.evidence.provenance import commit
+from hil.evidence.store import Row, Store
+from hil.evidence.terminal import WRONG, print_table
+from hil.world.scenario import ScenarioError
+
+SCENARIOS = (
+    *("target_leo", "base", "both", "panel_leo", "base_slosh", "wheels_leo"),
+    *("mev", "dual_arm", "tumbling_target"),
+)
+STATED: Mapping[str, float] = {
+    **{check: SHARES[check] for check in ("gate", "outside", "change", "sensor", "prior")},
+    **{check: SHARES[check] for check in ("level", "consistency", "sample")},
+    "mismatch": SHARES["slow"] + SHARES["colour"],
+    "reset": 0.0,
+}
+CONFIDENCE = 0.95
+ANY = "invalid at the end"
+
+
+def run(
+    *,
+    scenario: list[str],
+    samples: int,
+    from_bytes: int,
+    jobs: int,
+    out: Path | None,
+    as_json: bool,
+) -> int:
+    """Fly the flights that the folder lacks and print how often each check fired.
+
+    Raises
+    ------
+    ScenarioError if the code has no commit of its own, or the folder holds another one's flights.
+    """
+    own = commit()
+    if own == "unknown" or own.endswith("+"):
+        raise ScenarioError(f"alarms: seeds follow from a commit; this code is {own}")
+    cases = [
+        Case(level, name, number, own)
+        for level, flights in ((SAMPLES, samples), (BYTES, from_bytes))
+        for name in scenario or SCENARIOS
+        for number in range(flights)
+    ]
+    store = Store(out, {"alarms": "clean flights", "commit": own})
+    rows = runner.rows("alarms", work, cases, store, jobs)
+    found = summary(rows)
+    if as_json:
+        print(json.dumps(found))  # noqa: T201
+    else:
+        show(found)
+    return int(any(line["beyond"] for line in found["checks"].values()))
+
+
+def summary(rows: Sequence[Row]) -> dict[str, Any]:
+    """Return how many flights each check failed, and with which rate that agrees."""
+    failed = {check: sum(bool(r["fired"].get(check)) for r in rows) for check in STATED}
+    failed[ANY] = sum(not row["valid"] for row in rows)
+    return {
+        "flights": {
+            level: {
+                name: sum(r["level"] == level and r["scenario"] == name for r in rows)
+                for name in sorted({row["scenario"] for row in rows})
+            }
+            for level in (SAMPLES, BYTES)
+        },
+        "wrong": sum(row["wrong"] > 0 for row in rows),
+        "checks": {
+            check: line(count, len(rows), STATED.get(check, FLIGHT_RATE))
+            for check, count in failed.items()
+        },
+        "failed": [
+            {key: row[key] for key in ("level", "scenario", "seed", "reason", "fired")}
+            for row in rows
+            if not row["valid"] or any(row["fired"].values())
+        ],
+    }
+
+
+def line(failed: int, flights: int, stated: float) -> dict[str, Any]:
+    """Return the exact interval of a rate (Clopper, Pearson), and whether it excludes `stated`."""
+    low = float(beta.ppf(1.0 - CONFIDENCE, failed, flights - failed + 1)) if failed else 0.0
+    high = 1.0 if failed == flights else float(beta.ppf(CONFIDENCE, failed + 1, flights - failed))
+    return {
+        "failed": failed,
+        "flights": flights,
+        "low": low,
+        "high": high,
+        "stated": stated,
+        "beyond": low > stated,
+    }
+
+
+def show(found: Mapping[str, Any]) -> None:
+    """Print the table and the flights in which a check fired."""
+    total = sum(n for own in found["flights"].values() for n in own.values())
+    print_table(
+        f"checks that fired in {total} clean flights",
+        ("check", "flights failed", "one-sided 95 % bound", "stated rate", ""),
+        [
+            [
+                *(check, f"{own['failed']} of {own['flights']}", f"{own['high']:.1e}"),
+                *(f"{own['stated']:.1e}", "FAILED" if own["beyond"] else "ok"),
+            ]
+            for check, own in found["checks"].items()
+        ],
+        120,
+        WRONG,
+    )
+    for flight in found["failed"]:
+        print(json.dumps(flight))  # noqa: T201
