@@ -274,7 +274,8 @@ class Memory:
 
     def residuals(self, x: FloatArray) -> list[FloatArray]:
         """Return the whitened residuals of every stored block, oldest first."""
-        return [s.c - s.A @ x for s in self._store if len(s.c) and s.weight]
+        every = [self._with_rows(stored) for stored in self._store if stored.weight]
+        return [stored.c - stored.A @ x for stored in every if len(stored.c)]
 
     def tempered(self, level: float) -> SquareRootInformation:
         """Return the information if the data's noise variance is `level` times the declared one."""

@@ -140,21 +140,20 @@ class OnlineEstimator:
 
     def _fold(self, block: Block) -> None:
         """Fold a block in; after a change, decide whether the estimate before it still holds."""
-        changed = False
+        rival = self.rival
         try:
-            changed = self.recursion.fold(block)
+            if self.recursion.fold(block):
+                before = self.recursion
+                self.recursion = before.reopened()
+                self.rival = None if before.spared else Rival(before)
         except NUMERICAL as error:
             self._begin_again(error)
-        if self.rival is not None:
-            standing = self.rival.fold(block)
-            if standing is Standing.CONFIRMED:
-                self.rival.recursion.resume(self.recursion, self.rival.blocks)
-                self.recursion = self.rival.recursion
-            if standing is not Standing.OPEN:
-                self.rival = None
-        elif changed:
-            self.rival = Rival(self.recursion)
-            self.recursion = self.recursion.reopened()
+        standing = Standing.OPEN if rival is None else rival.fold(block)
+        if rival is not None and standing is Standing.CONFIRMED:
+            rival.recursion.resume(self.recursion, rival.blocks)
+            self.recursion = rival.recursion
+        if standing is not Standing.OPEN:
+            self.rival = None
 
     def screened(self, block: Block) -> Block:
         """Return the newest block without what did not fit the model; any other block unchanged."""

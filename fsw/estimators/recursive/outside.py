@@ -83,7 +83,6 @@ class OutsideWatch:
     def copied(self) -> OutsideWatch:
         """Return a copy without the events, which stay here."""
         other = copy(self)
-        other._suspects, other._places = [*self._suspects], [*self._places]  # noqa: SLF001
         other._events = []  # noqa: SLF001
         return other
 

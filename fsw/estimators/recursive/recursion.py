@@ -46,7 +46,7 @@ SAMPLES = 8  # stored blocks that show whether a pass is worth its time
 
 _STATE = (
     *("x", "blocks", "since", "gated", "changes", "span_ns", "q_rad", "armed", "conflict"),
-    *("_check_due", "_level_due", "_rss", "_coloured"),
+    *("_check_due", "_level_due", "_rss", "_coloured", "spared"),
 )
 
 EventWords = tuple[str, str, str]  # severity, code, text
@@ -68,6 +68,7 @@ class Recursion:
     q_rad : (n,) newest joint positions
     armed : whether blocks are gated: from the first valid estimate on
     conflict : whether the data contradicted the prior at the last check
+    spared : whether an alarm against this estimate has been refuted; a second one is believed
     screen, trust : judge of single channels; judge of the residuals at the last check
     noise : noise of the sensors, learnt from their samples
     used : the newest block, without the channels that were left out
@@ -111,7 +112,7 @@ class Recursion:
         self.since = 0
         bound = pacing.SETTLED_IN_DOUBT if self._in_doubt else SETTLED
         self.pacing = Pacing(settled=self.linear, bound=bound)
-        self.armed = self.conflict = False
+        self.armed = self.conflict = self.spared = False
         self.trust = Trust()
         self._check_due = self._level_due = False
         self._rss = 0.0
@@ -246,7 +247,7 @@ class Recursion:
         judgement = self.monitor.judge(white, armed=self.armed)
         if self.monitor.nis > ABSURD * len(white):
             self.gated += 1
-            return judgement.changed
+            return False
         self.q_rad = block.q_rad[-1]
         self.trust.note(self.monitor.level)
         if not judgement.accepted:
@@ -362,8 +363,9 @@ class Recursion:
         """Return a recursion that begins at this estimate with the prior's spread.
 
         It has the counters, the events and the knowledge of the sensors. This one stays as it is,
-        without its events and with Page's sum at zero.
+        without its events, with Page's sum at zero and no block in question.
         """
+        mean = self._point()
         self.monitor.restart()
         opened = copy(self)
         opened.origin = copy(self.origin)
@@ -371,8 +373,9 @@ class Recursion:
         self._events = deque(maxlen=EVENT_LIMIT)
         if self.outside is not None:
             opened.outside = self.outside.copied()
+            self.outside.forget()
         opened.changes += 1
-        opened.start(self._point(), self.origin.stated)
+        opened.start(mean, self.origin.stated)
         opened.trust = self.trust.successor(self.since, opened.changes)
         opened.report_opening(self.since)
         return opened
@@ -382,6 +385,7 @@ class Recursion:
         text = f"the {blocks} blocks since fit the estimate before the change; it continues"
         every = (*opened._events, *self._events, ("info", "CHANGE_REFUTED", text))
         self._events = deque(every, maxlen=EVENT_LIMIT)
+        self.spared = True
 
     def report_opening(self, blocks: int) -> None:
         """Report a change that was found after a number of blocks."""
