@@ -31,8 +31,8 @@ def mean_blocks_to_alarm(dof: int, limit: float, cells: int = CELLS) -> float:
     """Return the mean number of clean blocks until the sum, from zero on, exceeds the limit."""
     width = limit / (cells - 0.5)  # cell k is centred on k width; the first one is half as wide
     cell = np.arange(cells)
-    steps = np.arange(1 - cells, cells) + 0.5
-    below = _below(dof, limit, steps * width)[cell - cell[:, None] + cells - 1]
+    edges = np.asarray(width * (np.arange(1 - cells, cells) + 0.5), np.float64)
+    below = _below(dof, limit, edges)[cell - cell[:, None] + cells - 1]
     Q = np.diff(below, axis=1, prepend=0.0)
     return float(np.linalg.solve(np.eye(cells) - Q, np.ones(cells))[0])
 

@@ -87,12 +87,12 @@ def test_a_sensor_is_never_widened_beyond_what_it_can_be() -> None:
 
 
 def test_one_distance_over_all_states_would_not_see_it() -> None:
-    """The reason for groups: an offset of 5 sigma beside states that the data know and confirm."""
+    """The reason for groups: an offset of 6 sigma beside states that the data know and confirm."""
     problem = make_problem(doubt=True)
     rows = np.diag(1.0 / np.sqrt(np.diag(problem.prior_covariance)))
     k = problem.names.index("acc_bias.x")
     measured = rows @ problem.prior_mean
-    measured[k] += 5.5
+    measured[k] += 6.3
     mean, covariance = after_data(problem, measured, rows, 0.05)
     prior = (problem.prior_mean, problem.prior_covariance)
     distance, dof = stated_conflict(*prior, mean, covariance, 1)
