@@ -1,14 +1,15 @@
 """Transaction numbers of 63 bits that are never used twice, even if the stored one is lost."""
 
-import fcntl
 import secrets
 import time
 from pathlib import Path
 
 from file_delivery.durable import replace_file
+from file_delivery.locks import locked
 
 NUMBER_BITS = 63  # in a field of 8 octets
 RANDOM_BITS = 10
+WAIT_S = 0.5  # for another process that takes a number
 
 
 class Numbers:
@@ -26,10 +27,9 @@ class Numbers:
         self._path = path
 
     def take(self) -> int:
-        """Return the next number; if the file cannot be written, a new one that is out of order."""
+        """Return the next number; without lock or file, a new one that is out of order."""
         try:
-            with self._path.with_suffix(".lock").open("w") as lock:
-                fcntl.flock(lock, fcntl.LOCK_EX)
+            with locked(self._path.with_suffix(".lock"), WAIT_S):
                 number = self._kept() + 1
                 replace_file(self._path, f"{number}\n")
                 return number

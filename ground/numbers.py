@@ -1,12 +1,14 @@
 """A number in a file: several programs may change the number, and no crash sets it back."""
 
-import fcntl
 import json
 from collections.abc import Callable
 from pathlib import Path
 
 from file_delivery.durable import replace_file
+from file_delivery.locks import locked
 from ground.errors import UsageError
+
+WAIT_S = 5.0  # for another program that changes the number
 
 
 class NumberFile:
@@ -41,8 +43,7 @@ class NumberFile:
 
     def _change(self, step: Callable[[int], int]) -> int:
         self._path.parent.mkdir(parents=True, exist_ok=True)
-        with self._path.with_suffix(".lock").open("w") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)
+        with locked(self._path.with_suffix(".lock"), WAIT_S):
             current = 0 if self.is_new else int(json.loads(self._path.read_text())["next"])
             replace_file(self._path, json.dumps({"next": step(current)}))
         return current

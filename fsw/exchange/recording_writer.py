@@ -1,6 +1,7 @@
 """Writes MCAP recordings; `fsw.exchange.recording` describes the format."""
 
 import json
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import IO, Any
@@ -80,6 +81,16 @@ class RecordingWriter:
     def size_bytes(self) -> int:
         """Bytes written so far; the open chunk not counted."""
         return self._file.tell()
+
+    @property
+    def is_removed(self) -> bool:
+        """Whether the file has lost its name, so that nothing more of it can be read."""
+        try:
+            return not os.path.samestat(self.path.stat(), os.fstat(self._file.fileno()))
+        except (FileNotFoundError, NotADirectoryError):
+            return True
+        except OSError:
+            return False
 
     @property
     def open_messages(self) -> int:

@@ -7,6 +7,8 @@ from typing import Any
 from fsw.messages import BodyEstimate, Estimate
 from fsw.scheduler.tasks import Slips, TaskTimes
 
+STATUS_NAME = "status.json"  # in the state directory
+
 
 def source_samples(counters: Mapping[str, int], late: int) -> dict[str, int]:
     """Return one source's counters: received, lost, late, rejected, then the rest."""

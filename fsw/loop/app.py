@@ -14,6 +14,7 @@ from fsw.exchange.sinks import IMU, STAR_TRACKER, Sink
 from fsw.loop.notify import Notifier
 from fsw.loop.ports import SECOND, Ports
 from fsw.loop.processes import Processes, lock_state
+from fsw.loop.state_guard import StateGuard, close_to_others
 from fsw.loop.wiring import build
 from fsw.messages import Event
 from fsw.messages.errors import PortError
@@ -76,7 +77,8 @@ def open_ports(config: Config, clock: Clock, sink: Sink) -> Ports:
 def run_live(config: Config, *, cold: bool = False) -> int:
     """Run the daemon until it is stopped; return its exit code. `cold` ignores checkpoints.
 
-    The code is RESTART_EXIT after a RESTART command; otherwise 0, or 1 if the service did not end.
+    The code is RESTART_EXIT after a RESTART command; otherwise 0, or 1 if the service did not end
+    in order, or if a process was given up at the end.
 
     Raises
     ------
@@ -84,17 +86,21 @@ def run_live(config: Config, *, cold: bool = False) -> int:
     """
     stop, notifier = StopSignal(), Notifier(os.environ)
     clock = MonotonicClock()
-    lock_state(config.resolve(config.service.state_directory), clock)
+    state = config.resolve(config.service.state_directory)
+    close_to_others(state)
+    guard = StateGuard(state, lock_state(state, clock))
     if config.telemetry is not None:
         from fsw.telemetry.tables.effective import (
             effective_config,  # only telemetry can change the configuration
         )
 
         config = effective_config(config)
-    processes = Processes(config, clock, clock.now_ns() if cold else 0)
+    processes = Processes(config, clock, clock.now_ns() if cold else 0, guard.say)
     sink = processes.sink
     sink.put(Event(clock.now_ns(), "info", "STARTED", f"process {os.getpid()}"))
-    loop = build(config, clock, open_ports(config, clock, sink), sink, processes.deadline_ns)
+    ports = open_ports(config, clock, sink)
+    more = partial(_process_values, processes)
+    loop = build(config, clock, ports, sink, processes.deadline_ns, more)
     for text in realtime.prepare(config.scheduler.cpu, config.scheduler.realtime_priority):
         sink.put(Event(clock.now_ns(), "low", "REALTIME", text))
     if config.scheduler.idle_latency_us is not None:
@@ -115,6 +121,8 @@ def run_live(config: Config, *, cold: bool = False) -> int:
 
     def each_second() -> None:
         realtime.collect_young()
+        for text in guard.faults():
+            sink.put(Event(clock.now_ns(), "high", "STATE_TAKEN", text))
         if processes.watch():
             notifier.send("WATCHDOG=1")
 
@@ -124,9 +132,15 @@ def run_live(config: Config, *, cold: bool = False) -> int:
     processes.settle(SETTLE_WAIT_S)
     loop.close()
     ended = processes.service.wait(SERVICE_WAIT_S)
+    guard.close()
     if loop.restart_requested:
         return RESTART_EXIT
-    return 0 if ended else 1
+    return 0 if ended and not processes.gave_up else 1
+
+
+def _process_values(processes: Processes) -> dict[str, object]:
+    """Return the state of the other processes for the status."""
+    return {"processes": processes.summary()}
 
 
 def drive(

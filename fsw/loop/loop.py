@@ -3,7 +3,7 @@
 `wiring.build` builds a loop.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from typing import Any
 
@@ -27,6 +27,11 @@ def nothing_due() -> int:
     return 0
 
 
+def nothing_more() -> dict[str, Any]:
+    """Return no further values for the status."""
+    return {}
+
+
 class Loop:
     """Sends SYNC and heartbeats, drains ports, hands batches over, reopens ports, reports status.
 
@@ -34,6 +39,7 @@ class Loop:
     ----------
     inputs : buses and lines that hand their traffic over to the same `sink`
     deadline_ns : returns the time at which the next window closes and the batch ends [ns], or 0
+    more : returns further values of each status
     """
 
     def __init__(
@@ -43,9 +49,10 @@ class Loop:
         sink: Sink,
         inputs: Inputs,
         deadline_ns: Callable[[], int] = nothing_due,
+        more: Callable[[], Mapping[str, Any]] = nothing_more,
     ) -> None:
         self._config, self._clock, self._sink, self._inputs = config, clock, sink, inputs
-        self._deadline_ns = deadline_ns
+        self._deadline_ns, self._more = deadline_ns, more
         rate_hz, budget_s = config.scheduler.tick_rate_hz, config.scheduler.work_budget_s
         self._batch_ticks = max(1, round(rate_hz * batch_s(config)))
         self._next_batch = 0  # tick at which the next batch ends
@@ -108,6 +115,7 @@ class Loop:
             "work_us": time_values(slips.work),
             "tasks_us": task_summary(slips),
             **self._inputs.status(),
+            **self._more(),
         }
 
     def _table(self) -> list[Task]:

@@ -4,7 +4,7 @@ import fcntl
 import os
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from fsw.clock import Clock
@@ -60,6 +60,13 @@ def lock_state(directory: Path, clock: Clock) -> int:
             return fd
 
 
+Say = Callable[[str, Mapping[str, object]], None]
+
+
+def say_nothing(line: str, status: Mapping[str, object]) -> None:
+    """Do nothing."""
+
+
 class Child:
     """A process at the other end of a ring: started, watched and started again when it has ended.
 
@@ -72,6 +79,7 @@ class Child:
     fds : descriptors that the process inherits
     inbox : the ring that the process reads
     sink : receives an event whenever the process has ended
+    say : writes a line to standard error and values into the status file, without waiting
     """
 
     def __init__(
@@ -84,12 +92,15 @@ class Child:
         inbox: RingWriter,
         sink: Sink,
         clock: Clock,
+        say: Say,
     ) -> None:
+        self._say = say
         self._name, self._module, self._without, self._sink = name, module, without, sink
         self._arguments, self._fds, self._inbox, self._clock = arguments, fds, inbox, clock
         self._cpus = os.sched_getaffinity(0)  # all CPUs of the loop before it is pinned to one
         self._deaths_ns: list[int] = []
-        self.gave_up = False
+        self.gave_up = False  # waits for RESTARTS_NS until it is tried again
+        self.ends = 0  # number of unexpected ends
         self._consumed, self._consumed_ns = -1, clock.now_ns()
         self._process = self._start(resume=False)
 
@@ -102,6 +113,9 @@ class Child:
         """Start the process again if it has ended; return whether it runs and reads its ring."""
         now_ns = self._clock.now_ns()
         if self.gave_up:
+            if now_ns - self._deaths_ns[-1] >= RESTARTS_NS:
+                self.gave_up = False
+                self._process = self._start(resume=True)
             return False
         if self._process.poll() is not None:
             self._died(now_ns)
@@ -112,12 +126,15 @@ class Child:
         return now_ns - self._consumed_ns < STALL_NS
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait for the end of the process; return False if it still runs after `timeout_s` [s]."""
+        """Wait at most `timeout_s` [s] for the end; return whether the process ended in order."""
         try:
-            self._process.wait(timeout_s)
+            return self._process.wait(timeout_s) == 0
         except subprocess.TimeoutExpired:
             return False
-        return True
+
+    def summary(self) -> dict[str, object]:
+        """Return whether the process is at work, and how often it has ended, as plain values."""
+        return {"gave_up": self.gave_up, "ends": self.ends}
 
     def kill(self) -> None:
         """Kill the process and wait for its end."""
@@ -129,11 +146,15 @@ class Child:
         code = "MEMORY" if status == MEMORY_EXIT else "LOST"
         recent = [t_ns for t_ns in self._deaths_ns if now_ns - t_ns < RESTARTS_NS]
         self._deaths_ns = [*recent, now_ns]
+        self.ends += 1
         self.gave_up = len(self._deaths_ns) > MOST_RESTARTS
-        what = f"too often: {self._without}" if self.gave_up else "started again"
+        again = f"{self._without} until the next attempt in {RESTARTS_NS / 1e9:g} s"
+        what = f"too often: {again}" if self.gave_up else "started again"
         text = f"{self._name} process ended with {status}; {what}"
         self._sink.put(Event(now_ns, "high", f"{self._name.upper()}_{code}", text))
-        if not self.gave_up:
+        if self.gave_up:
+            self._say(text, {"processes": {self._name: self.summary()}})
+        else:
             self._process = self._start(resume=True)
 
     def _start(self, *, resume: bool) -> subprocess.Popen[bytes]:
@@ -155,9 +176,10 @@ class Processes:
     Parameters
     ----------
     since_ns : the estimation ignores checkpoints older than this time [ns]; 0: it uses all
+    say : writes a line to standard error and values into the status file, without waiting
     """
 
-    def __init__(self, config: Config, clock: Clock, since_ns: int) -> None:
+    def __init__(self, config: Config, clock: Clock, since_ns: int, say: Say = say_nothing) -> None:
         down, found = RingWriter.create(DOWN_BYTES), RingWriter.create(DOWN_BYTES)
         up, self._stream = RingWriter.create(UP_BYTES), RingWriter.create(DOWN_BYTES)
         wake = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
@@ -177,6 +199,7 @@ class Processes:
             down,
             self._to_service,
             clock,
+            say,
         )
         own = ["--ring", str(self._stream.fd), "--wake", str(wake), "--down", str(found.fd)]
         self.estimation = Child(
@@ -188,7 +211,17 @@ class Processes:
             self._stream,
             self._to_service,
             clock,
+            say,
         )
+
+    @property
+    def gave_up(self) -> bool:
+        """Whether a process ended so often that its next attempt waits."""
+        return self.service.gave_up or self.estimation.gave_up
+
+    def summary(self) -> dict[str, object]:
+        """Return the state of both processes as plain values."""
+        return {"service": self.service.summary(), "estimation": self.estimation.summary()}
 
     def deadline_ns(self) -> int:
         """Return when the next window closes [ns]; 0 until the estimation has reported the time."""

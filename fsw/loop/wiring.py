@@ -3,7 +3,8 @@
 `app.run_live` passes the clock and ports of the machine, the bench passes simulated ones.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
 from fsw.clock import Clock
 from fsw.config import BusConfig, Config
@@ -16,7 +17,7 @@ from fsw.loop.bus_input import BusInput
 from fsw.loop.inputs import Inputs
 from fsw.loop.line_input import LineInput
 from fsw.loop.link import Link
-from fsw.loop.loop import Loop, nothing_due
+from fsw.loop.loop import Loop, nothing_due, nothing_more
 from fsw.loop.ports import CAN, SECOND, Ports
 
 
@@ -26,10 +27,12 @@ def build(
     ports: Ports,
     sink: Sink,
     deadline_ns: Callable[[], int] = nothing_due,
+    more: Callable[[], Mapping[str, Any]] = nothing_more,
 ) -> Loop:
     """Return the loop of a configuration; open no port and send nothing.
 
     `deadline_ns` returns the time at which the next window closes [ns]; 0 while it is unknown.
+    `more` returns further values of each status.
     """
     buses = [_bus_input(config, bus, clock, ports) for bus in config.buses]
     openers, lines = ports.line_openers, []
@@ -39,7 +42,7 @@ def build(
         link = Link(STAR_TRACKER, ports.star_tracker, openers.get(STAR_TRACKER))
         start = encode_subscribe((SOLUTION_ID,)) if config.star_tracker.subscribe else b""
         lines.append(LineInput(STAR_TRACKER, link, start))
-    return Loop(config, clock, sink, Inputs(buses, lines, clock, sink), deadline_ns)
+    return Loop(config, clock, sink, Inputs(buses, lines, clock, sink), deadline_ns, more)
 
 
 def _bus_input(config: Config, bus: BusConfig, clock: Clock, ports: Ports) -> BusInput:

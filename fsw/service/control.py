@@ -41,22 +41,32 @@ class ControlServer:
     ) -> None:
         self._status, self._forward = status, forward
         self._path = path
-        path.unlink(missing_ok=True)
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._listener.setblocking(False)
         try:
+            path.unlink(missing_ok=True)
             self._listener.bind(str(path))
             path.chmod(0o600)
             self._listener.listen(MAX_CLIENTS)
+            self._inode = path.stat().st_ino
         except OSError as error:
             self._listener.close()
             raise PortError(f"{path}: {error.strerror or error}") from error
-        self._inode = path.stat().st_ino
         self._selector = selectors.DefaultSelector()
         self._selector.register(self._listener, selectors.EVENT_READ)
         self._waiting: dict[int, tuple[int, _Client]] = {}
         self._clients = 0
         self._next_id = 1
+
+    @property
+    def is_removed(self) -> bool:
+        """Whether the socket file is no longer there, so that no client can connect."""
+        try:
+            return self._path.stat().st_ino != self._inode
+        except (FileNotFoundError, NotADirectoryError):
+            return True
+        except OSError:
+            return False
 
     def serve(self, timeout_s: float, now_ns: int) -> None:
         """Wait at most `timeout_s` [s] for clients and serve them; time out missing replies."""

@@ -6,20 +6,18 @@ records the messages left in the rings and closes the recording.
 """
 
 import argparse
-import fcntl
-import json
 import os
 import pickle
 import signal
 import sys
 from collections import Counter
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from file_delivery.locks import keep_lock
 from fsw.clock import Clock, MonotonicClock, utc_correlation
 from fsw.config import Config
 from fsw.exchange.checkpoint_store import boot_id
@@ -36,7 +34,7 @@ from fsw.messages import Block, Estimate, Event, Snapshot
 from fsw.messages.commands import Code, Command, Reply
 from fsw.messages.errors import MEMORY_EXIT, CommandError, ConfigError, PortError
 from fsw.service.batch_jobs import BatchJobs
-from fsw.service.blockstore import BlockStoreError, BlockWriter, read_blocks
+from fsw.service.block_log import BlockLog
 from fsw.service.checkpoint_keeper import CheckpointKeeper
 from fsw.service.console import Console
 from fsw.service.control import SOCKET_NAME, ControlServer, refused
@@ -44,6 +42,8 @@ from fsw.service.disk_sync import DiskSync
 from fsw.service.inbox import Inbox
 from fsw.service.recorder import CHECKPOINT, event_values
 from fsw.service.recorder_switch import RecorderSwitch
+from fsw.service.status_file import StatusFile
+from fsw.service.turn import LOCK_NAME, take_turn
 from fsw.telemetry.ports import Host
 from fsw.telemetry.state.epoch import Epoch
 from fsw.telemetry.state.journal import Journal
@@ -53,11 +53,10 @@ if TYPE_CHECKING:
 
 EVENTS_NAME = "events.jsonl"
 BLOCKS_NAME = "blocks.bin"
-STATUS_NAME = "status.json"
 POLL_S = 0.01
 LOG_LIMIT_BYTES = 8 << 20
 NICE = 5
-LOCK_NAME = "service.lock"
+LOOK_NS = 1_000_000_000  # between looks at the state directory
 
 
 class Service:
@@ -80,23 +79,28 @@ class Service:
         down, found, up : rings from the loop, from the estimation, and to the loop
         resume : continue the files of a crashed service of the same loop
         """
+        self.turn: int | None = None  # descriptor that holds the lock of the directory
         self._config, self._clock, self._resume = config, clock, resume
         self.inbox, self._up = Inbox(down, found, self, self._report), up
         self._directory = config.resolve(config.service.state_directory)
         self._directory.mkdir(parents=True, exist_ok=True)
         self._status: Record = {}
-        self._event_counts = Counter(self._counted_before() if resume else {})
+        self._status_file = StatusFile(self._directory)
+        self._event_counts = Counter(self._status_file.event_counts() if resume else {})
         reserve_bytes = config.service.disk_reserve_bytes
         self._events = Journal(self._directory / EVENTS_NAME, LOG_LIMIT_BYTES, reserve_bytes // 2)
         self._switch = RecorderSwitch(config, self._report)
         self._telemetry: TelemetryApplication | None = None
-        blocks = self._directory / BLOCKS_NAME
         self._keeper = CheckpointKeeper(config, self._directory, self._report)
-        self._blocks_failed = False
-        self._blocks = (
-            self._resumed(blocks) if resume else BlockWriter(blocks, reserve_bytes=reserve_bytes)
+        self._blocks = BlockLog.begin(
+            self._directory / BLOCKS_NAME,
+            reserve_bytes,
+            self._report,
+            self._keeper.block if resume else None,
         )
         self._control: ControlServer | None = None
+        self._control_failed = False
+        self._look_ns = 0  # time of the next look at the state directory
         self._jobs = BatchJobs(config, self._directory / BLOCKS_NAME, self._report)
         self._answers: list[Reply] = []  # to commands executed here
         self._console = Console()
@@ -111,28 +115,46 @@ class Service:
             files += self._telemetry.files()
         return files
 
-    def _resumed(self, path: Path) -> BlockWriter:
-        """Reopen the block store of a crashed service; start a new one if it is invalid."""
-        reserve_bytes = self._config.service.disk_reserve_bytes
-        try:
-            for block in read_blocks(path):
-                self._keeper.block(block)
-            return BlockWriter(path, keep=True, reserve_bytes=reserve_bytes)
-        except BlockStoreError as error:
-            self._report("medium", "BLOCKS_FAILED", str(error))
-            return BlockWriter(path, reserve_bytes=reserve_bytes)
-
     def open(self) -> None:
         """Open recording, telemetry and control socket; report each failure as an event."""
         self._switch.open(resume=self._resume)
         if self._config.telemetry is not None:
             self._open_telemetry()
+        self._open_control()
+
+    def _open_control(self) -> None:
+        """Open the control socket; report the first of successive failures."""
         try:
             self._control = ControlServer(
                 self._directory / SOCKET_NAME, lambda: self._status, self._forward_local
             )
         except PortError as error:
-            self._report("high", "CONTROL_FAILED", str(error))
+            if not self._control_failed:
+                self._report("high", "CONTROL_FAILED", str(error))
+            self._control_failed = True
+        else:
+            self._control_failed = False
+
+    def _look(self, now_ns: int) -> None:
+        """Make the state directory and the control socket again if they were removed."""
+        if now_ns < self._look_ns:
+            return
+        self._look_ns = now_ns + LOOK_NS
+        if self._control is not None and self._control.is_removed:
+            try:
+                self._directory.mkdir(parents=True, exist_ok=True)
+                if self.turn is not None:
+                    self.turn = keep_lock(self._directory / LOCK_NAME, self.turn)
+            except OSError:  # another daemon has taken it, which the loop reports
+                return
+            self._control.close()
+            self._control = None
+            self._report("high", "STATE_REMOVED", f"{self._directory} or what was in it")
+            self._blocks.begin_again()
+            if self._telemetry is not None:
+                self._telemetry.state_removed()
+        if self._control is None:
+            self._open_control()
 
     def _open_telemetry(self) -> None:
         from fsw.telemetry.assembly import build_application  # only where it is configured
@@ -164,6 +186,7 @@ class Service:
         if self._telemetry is not None:
             self._telemetry.poll(self._clock.now_ns())
         self._disk.poll(self._clock.now_ns())
+        self._look(self._clock.now_ns())
         wait_s = 0.0 if more or not self.inbox.is_open else POLL_S
         if self._control is not None:
             self._control.serve(wait_s, self._clock.now_ns())
@@ -215,14 +238,7 @@ class Service:
         self._keeper.block(block)
         if self._telemetry is not None:
             self._telemetry.block(block)
-        try:
-            self._blocks.append(block)
-        except (OSError, BlockStoreError) as error:  # the next block may find room again
-            if not self._blocks_failed:
-                self._report("medium", "BLOCKS_FAILED", str(error))
-            self._blocks_failed = True
-        else:
-            self._blocks_failed = False
+        self._blocks.append(block)
 
     def _restored(self, sequence: int) -> None:
         """Attach checkpoint `sequence`, from which this run continues, to the recording."""
@@ -262,14 +278,6 @@ class Service:
         self._keeper.configured(config)
         self._jobs.config = config
 
-    def _counted_before(self) -> Mapping[str, int]:
-        """Return the event counts in the crashed service's status file; empty if unreadable."""
-        try:
-            status = json.loads((self._directory / STATUS_NAME).read_text())
-        except (OSError, ValueError):
-            return {}
-        return {str(code): int(n) for code, n in status.get("event_counts", {}).items()}
-
     def _write_status(self, *, running: bool) -> None:
         path = self._switch.path
         recorder: Mapping[str, Any] = {
@@ -288,14 +296,7 @@ class Service:
         if self._telemetry is not None:
             extra["telemetry"] = self._telemetry.summary()
         self._status = {**self._status, **extra}
-        path = self._directory / STATUS_NAME
-        temporary = path.with_suffix(".tmp")
-        try:
-            temporary.write_text(json.dumps(self._status))
-            temporary.replace(path)
-        except OSError:
-            with suppress(OSError):  # a rest would take space from others
-                temporary.unlink()
+        self._status_file.write(self._status)
 
     def _forward_local(self, command: Command) -> bool:
         """Report and forward a command of the control socket; return False if the ring is full."""
@@ -342,18 +343,6 @@ def _epoch(clock_id: str) -> Epoch:
     )
 
 
-def wait_for_turn(directory: Path) -> None:
-    """Wait until the service of a killed loop has written its remaining messages and ended.
-
-    This process then holds the lock until it ends. Meanwhile the loop's messages wait in the ring.
-    """
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-        fcntl.flock(os.open(directory / LOCK_NAME, os.O_RDWR | os.O_CREAT), fcntl.LOCK_EX)
-    except OSError:
-        return  # the first write to this directory reports the error
-
-
 def serve(service: Service, parent: int, clock: Clock) -> int:
     """Serve one loop process until it ends; return the exit code."""
     while service.cycle():
@@ -381,12 +370,20 @@ def main(argv: list[str]) -> int:
     os.nice(NICE)
     config = handed_down(arguments.config)
     rings = RingReader(arguments.down), RingReader(arguments.found), RingWriter(arguments.up)
-    wait_for_turn(config.resolve(config.service.state_directory))
+    turn = None
+    try:
+        turn = take_turn(config.resolve(config.service.state_directory))
+    except TimeoutError as error:
+        sys.stderr.write(f"fsw: {error.filename}: {error.strerror}\n")
+        return 1
+    except OSError:
+        pass  # the first write to this directory reports the error
     if arguments.resume and config.telemetry is not None:
         from fsw.telemetry.tables.effective import effective_config
 
         config = effective_config(config.as_read())  # tables may have been changed since the start
     service = Service(config, clock, *rings, resume=arguments.resume)
+    service.turn = turn
     service.open()
     if arguments.resume:
         service.event(Event(began_ns, "info", "SERVICE_BACK", f"process {os.getpid()}"))

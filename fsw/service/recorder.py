@@ -237,6 +237,10 @@ class RecorderSink:
             elif t_ns >= self._retry_ns:
                 self._next(t_ns, "RECORDER_BACK", self._parts)
             return
+        if writer.is_removed:
+            self._fail(writer, 0, FileNotFoundError(errno.ENOENT, "removed under way"))
+            self._next(t_ns, "RECORDER_BACK", self._parts)
+            return
         self._began_ns = t_ns if self._began_ns is None else self._began_ns
         age_s = (t_ns - self._began_ns) * 1e-9
         large = self._part_bytes is not None and writer.size_bytes >= self._part_bytes
@@ -275,14 +279,18 @@ class RecorderSink:
             write(writer)
             self._unsure += count
         except OSError as error:
-            self._writer = None
-            self.lost, self._unsure = self.lost + self._unsure + count, 0
-            self._retry_ns = SOON
-            writer.abandon()
-            text = f"{writer.path}: {error.strerror or error}"
-            self._report("high", failure_code(error), text)
+            self._fail(writer, count, error)
         except ZstdError as error:  # no data can cause this: memory is short
             raise MemoryError(str(error)) from error
+
+    def _fail(self, writer: RecordingWriter, count: int, error: OSError) -> None:
+        """Give a file up and report why; `count` messages and the unfinished ones are lost."""
+        self._writer = None
+        self.lost, self._unsure = self.lost + self._unsure + count, 0
+        self._retry_ns = SOON
+        writer.abandon()
+        text = f"{writer.path}: {error.strerror or error}"
+        self._report("high", failure_code(error), text)
 
 
 def failure_code(error: OSError) -> str:

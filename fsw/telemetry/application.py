@@ -5,6 +5,7 @@ receive what the loop sends; `Host.forward` carries commands to the loop's comma
 """
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -180,6 +181,15 @@ class TelemetryApplication:
         store = GenerationStore(self.context.state / BOOT)
         commanded = self.context.loop.restart_commanded
         self.context.boot.keep(store, running=False, commanded=commanded)
+
+    def state_removed(self) -> None:
+        """Make again what must be in the state directory, after somebody has removed it."""
+        context = self.context
+        with suppress(OSError):  # the files of others are made when they are written
+            self.filing.make_folder()
+        context.boot.keep(GenerationStore(context.state / BOOT), running=True, commanded=False)
+        if self.link.security is not None:
+            self.link.security.open()
 
     def files(self) -> list[Path]:
         """Return the paths of the files that grow: logs and packet stores."""

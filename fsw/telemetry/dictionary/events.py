@@ -43,6 +43,8 @@ _TABLE: tuple[tuple[int, str, Severity, str], ...] = (
     (44, "RECORDER_BACK", _MEDIUM, "the recording continues after a failure"),
     (45, "DISK_FULL", _HIGH, "there is no space for the recording"),
     (46, "DISK_SYNC_FAILED", _HIGH, "what was written may not be on the disk"),
+    (47, "STATE_REMOVED", _HIGH, "the state directory was removed under way and is made again"),
+    (48, "STATE_TAKEN", _HIGH, "another daemon has taken the removed state directory"),
     (50, "MODE_CHANGED", _INFO, "the daemon is in another mode"),
     (51, "COMMAND_LOSS", _HIGH, "no telecommand for longer than the command-loss time"),
     (52, "COMMAND_BACK", _MEDIUM, "a telecommand after a command loss"),

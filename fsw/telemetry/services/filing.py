@@ -40,6 +40,10 @@ class Filing:
         self._in_work: set[Path] = set()  # files that are being copied or appended
         self._single = {name: context.state / name for name in LOGS}
 
+    def make_folder(self) -> None:
+        """Make the folder of file delivery if it is missing. Raises OSError."""
+        self._folders["files"].mkdir(parents=True, exist_ok=True)
+
     def find(self, name: str, argument: int = 1) -> Path:
         """Return the path for a name. Raises TcError BAD_ARG for a path outside of the folders."""
         if name in self._single:

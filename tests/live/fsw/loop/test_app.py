@@ -3,6 +3,7 @@
 import json
 import os
 import pty
+import shutil
 import signal
 import socket
 import subprocess
@@ -277,3 +278,71 @@ def test_the_command_stop_ends_the_daemon(run: Run):
     run.wait_status(running=True)
     assert control(run.state, {"command": "stop"})["accepted"]
     assert run.process.wait(PATIENCE_S) == 0
+
+
+def test_a_state_directory_removed_under_way_is_made_again_and_stays_locked(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+):
+    run.wait_status(running=True)
+    shutil.rmtree(run.state)
+    run.wait_event("STATE_REMOVED")
+    run.wait_status(running=True)
+    began = time.monotonic()
+    while not (run.state / "loop.lock").exists() and time.monotonic() - began < PATIENCE_S:
+        time.sleep(0.05)
+    monkeypatch.setattr(processes, "LOCK_WAIT_NS", 0)
+    with pytest.raises(PortError, match="another daemon"):
+        processes.lock_state(run.state, MonotonicClock())
+    while not (run.state / "ctl.sock").exists() and time.monotonic() - began < PATIENCE_S:
+        time.sleep(0.05)
+    assert control(run.state, {"command": "stop"})["accepted"]
+    assert run.process.wait(PATIENCE_S) == 0
+    assert [event["code"] for event in run.events()].count("STATE_REMOVED") == 1
+
+
+def test_recordings_removed_under_way_continue_in_a_new_part(run: Run):
+    run.wait_status(running=True)
+    shutil.rmtree(run.recording.parent)
+    assert "removed under way" in run.wait_event("RECORDER_FAILED")["text"]
+    run.wait_event("RECORDER_BACK")
+    run.process.send_signal(signal.SIGTERM)
+    assert run.process.wait(PATIENCE_S) == 0
+    (part,) = run.recording.parent.glob("*.mcap")
+    assert part.name == "recording_0001_0002.mcap"
+    assert not contents(part).truncated
+
+
+def test_nothing_that_a_daemon_writes_can_be_read_by_others(arm: ArmProject):
+    before = os.umask(0)
+    try:
+        run = Run(arm)
+    finally:
+        os.umask(before)
+    try:
+        run.wait_status(running=True)
+        found = [run.state, *run.state.rglob("*"), *run.recording.parent.iterdir()]
+        assert len(found) > 6
+        assert [path for path in found if path.lstat().st_mode & 0o007] == []
+    finally:
+        run.close()
+
+
+def test_a_service_that_ends_too_often_is_said_and_the_daemon_ends_with_1(
+    capfd: pytest.CaptureFixture[str], run: Run
+):
+    run.wait_status(running=True)
+    children = Path(f"/proc/{run.process.pid}/task/{run.process.pid}/children")
+    began = time.monotonic()
+    while time.monotonic() - began < PATIENCE_S:
+        for child in children.read_text().split():
+            with suppress(ProcessLookupError, FileNotFoundError):
+                if b"fsw.service.process" in Path(f"/proc/{child}/cmdline").read_bytes():
+                    os.kill(int(child), signal.SIGKILL)
+        status = json.loads((run.state / "status.json").read_text())
+        if status.get("processes", {}).get("service", {}).get("gave_up"):
+            break
+        time.sleep(0.2)
+    assert status["processes"]["service"] == {"gave_up": True, "ends": 6}
+    run.process.send_signal(signal.SIGTERM)
+    assert run.process.wait(PATIENCE_S) == 1
+    assert "too often: nothing is recorded until the next attempt" in capfd.readouterr().err

@@ -1,0 +1,79 @@
+"""Guards the state directory for the loop, in threads: no file and no terminal holds a tick up."""
+
+import json
+import os
+import sys
+from collections import deque
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from threading import Event, Thread
+
+from file_delivery.durable import replace_file
+from file_delivery.locks import keep_lock
+from fsw.exchange.status import STATUS_NAME
+from fsw.loop.processes import LOCK_NAME
+
+PERIOD_S = 1.0
+OTHERS = 0o007  # permissions of those who are neither owner nor in the group
+
+
+class StateGuard:
+    """Takes the lock again when its file was removed, and says what the service cannot say.
+
+    Parameters
+    ----------
+    descriptor : holds the lock of the directory
+    """
+
+    def __init__(self, directory: Path, descriptor: int) -> None:
+        self._directory, self._descriptor = directory, descriptor
+        self._found: deque[str] = deque()
+        self._is_taken = False
+        self._ended = Event()
+        Thread(target=self._watch, name="state-guard", daemon=True).start()
+
+    def faults(self) -> list[str]:
+        """Return the faults found since the last call."""
+        return [self._found.popleft() for _ in range(len(self._found))]
+
+    def say(self, line: str, status: Mapping[str, object]) -> None:
+        """Write a line to standard error and values into the status file, without waiting."""
+        Thread(target=self._tell, args=(line, status), daemon=True).start()
+
+    def close(self) -> None:
+        """End the watch; the lock stays until the process ends."""
+        self._ended.set()
+
+    def look(self) -> None:
+        """Check once that the lock is that of the file in the directory; if not, take it again."""
+        try:
+            self._directory.mkdir(parents=True, exist_ok=True)
+            self._descriptor = keep_lock(self._directory / LOCK_NAME, self._descriptor)
+        except TimeoutError:
+            if not self._is_taken:
+                self._found.append(f"{self._directory}: another daemon has taken it")
+            self._is_taken = True
+        except OSError:
+            return  # the next look tries again; the service reports the directory
+        else:
+            self._is_taken = False
+
+    def _watch(self) -> None:
+        while not self._ended.wait(PERIOD_S):
+            self.look()
+
+    def _tell(self, line: str, status: Mapping[str, object]) -> None:
+        path = self._directory / STATUS_NAME
+        with suppress(OSError, ValueError):
+            known = json.loads(path.read_text())
+            replace_file(path, json.dumps({**known, **status}))
+        with suppress(OSError, ValueError):  # the terminal is gone
+            os.write(sys.stderr.fileno(), f"fsw: {line}\n".encode())
+
+
+def close_to_others(directory: Path) -> None:
+    """Let only owner and group read what this process writes, and the directory itself."""
+    os.umask(os.umask(0o077) | OTHERS | 0o020)
+    with suppress(OSError):  # of another owner: the mode is theirs
+        directory.chmod(directory.stat().st_mode & 0o7777 & ~OTHERS)
