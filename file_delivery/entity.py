@@ -8,6 +8,7 @@ files, and cancelling, suspending and resuming of transfers.
 
 from collections import Counter, OrderedDict, deque
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
 
 from spacepackets.cfdp import ConditionCode
@@ -92,7 +93,8 @@ class FileEntity:
         self._counters: Counter[str] = Counter()
         self._looked_ns: int | None = None
         for left in directory.glob(f"{PARTIAL}*"):  # of a run that crashed
-            left.unlink(missing_ok=True)
+            with suppress(OSError):  # a disk that cannot be written takes no link away
+                left.unlink()
 
     def send(
         self, path: Path, *, remove: bool, name: str = "", piece: tuple[int, int] | None = None

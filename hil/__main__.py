@@ -102,8 +102,9 @@ def parser() -> argparse.ArgumentParser:
         dest="lanes",
         action="append",
         default=[],
-        choices=("virtual", "machine", "socketcan"),
-        help="in virtual time, of the machine, on a real bus; may be repeated; all",
+        choices=("virtual", "machine", "socketcan", "disk"),
+        help="in virtual time, of the machine, on a real bus; may be repeated; all of these. disk: "
+        "alone, 200 bad disks",
     )
     faults.add_argument("--seed", type=seed, default=1, metavar="N", help="fixes every bit, 1")
     faults.add_argument("--jobs", type=count, default=2, metavar="N", help="processes, 2")

@@ -21,34 +21,33 @@ class BlockLog:
     def __init__(self, path: Path, reserve_bytes: int, report: Report) -> None:
         self._path, self._reserve_bytes, self._report = path, reserve_bytes, report
         self._has_failed = False
-        self._writer = BlockWriter(path, keep=True, reserve_bytes=reserve_bytes)
+        self._writer: BlockWriter | None = None
 
-    @classmethod
-    def begin(
-        cls, path: Path, reserve_bytes: int, report: Report, resumed: Callable[[Block], None] | None
-    ) -> "BlockLog":
-        """Begin a store; with `resumed` continue one, whose blocks that function receives."""
-        if resumed is not None:
-            try:
-                for block in read_blocks(path):
-                    resumed(block)
-                return cls(path, reserve_bytes, report)
-            except BlockStoreError as error:
-                report("medium", "BLOCKS_FAILED", str(error))
-        path.unlink(missing_ok=True)
-        return cls(path, reserve_bytes, report)
+    def resume(self, receive: Callable[[Block], None]) -> None:
+        """Continue the store of a crashed service; `receive` gets its blocks."""
+        try:
+            for block in read_blocks(self._path):
+                receive(block)
+            self._writer = BlockWriter(self._path, keep=True, reserve_bytes=self._reserve_bytes)
+        except BlockStoreError as error:
+            self._fail(error)
 
     def append(self, block: Block) -> None:
-        """Store a block; report the first of successive failures."""
+        """Store a block; the first begins a new store. Report the first of successive failures."""
         try:
+            if self._writer is None:
+                self._writer = BlockWriter(self._path, reserve_bytes=self._reserve_bytes)
             self._writer.append(block)
         except (OSError, BlockStoreError) as error:
-            if not self._has_failed:
-                self._report("medium", "BLOCKS_FAILED", str(error))
-            self._has_failed = True
+            self._fail(error)
         else:
             self._has_failed = False
 
     def begin_again(self) -> None:
-        """Begin a new store, because somebody has removed the file."""
-        self._writer = BlockWriter(self._path, reserve_bytes=self._reserve_bytes)
+        """Begin a new store with the next block, because somebody has removed the file."""
+        self._writer = None
+
+    def _fail(self, error: Exception) -> None:
+        if not self._has_failed:
+            self._report("medium", "BLOCKS_FAILED", str(error))
+        self._has_failed = True

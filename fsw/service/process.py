@@ -12,6 +12,7 @@ import signal
 import sys
 from collections import Counter
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -83,7 +84,8 @@ class Service:
         self._config, self._clock, self._resume = config, clock, resume
         self.inbox, self._up = Inbox(down, found, self, self._report), up
         self._directory = config.resolve(config.service.state_directory)
-        self._directory.mkdir(parents=True, exist_ok=True)
+        with suppress(OSError):  # `_look` tries again; the control socket reports the failure
+            self._directory.mkdir(parents=True, exist_ok=True)
         self._status: Record = {}
         self._status_file = StatusFile(self._directory)
         self._event_counts = Counter(self._status_file.event_counts() if resume else {})
@@ -92,12 +94,9 @@ class Service:
         self._switch = RecorderSwitch(config, self._report)
         self._telemetry: TelemetryApplication | None = None
         self._keeper = CheckpointKeeper(config, self._directory, self._report)
-        self._blocks = BlockLog.begin(
-            self._directory / BLOCKS_NAME,
-            reserve_bytes,
-            self._report,
-            self._keeper.block if resume else None,
-        )
+        self._blocks = BlockLog(self._directory / BLOCKS_NAME, reserve_bytes, self._report)
+        if resume:
+            self._blocks.resume(self._keeper.block)
         self._control: ControlServer | None = None
         self._control_failed = False
         self._look_ns = 0  # time of the next look at the state directory
@@ -154,6 +153,8 @@ class Service:
             if self._telemetry is not None:
                 self._telemetry.state_removed()
         if self._control is None:
+            with suppress(OSError):
+                self._directory.mkdir(parents=True, exist_ok=True)
             self._open_control()
 
     def _open_telemetry(self) -> None:

@@ -1,6 +1,7 @@
 """Builds the telemetry application from a configuration, with its keys and file delivery."""
 
 import os
+from contextlib import suppress
 
 from file_delivery.entity import FileEntity
 from file_delivery.numbers import Numbers
@@ -31,7 +32,8 @@ def build_application(config: Config, host: Host, *, resume: bool) -> TelemetryA
         raise ConfigError("telemetry: missing")
     state = config.resolve(config.service.state_directory)
     files = state / telemetry.file_directory
-    files.mkdir(parents=True, exist_ok=True)
+    with suppress(OSError):  # a bad disk takes no link away; `Filing` makes the folder later
+        files.mkdir(parents=True, exist_ok=True)
     context = build_context(config, telemetry, host, resume=resume)
     security = None
     if telemetry.sdls is not None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import track
 
+from hil.evidence.disk import command as disk
 from hil.evidence.fault_matrix import report, table, work
 from hil.evidence.provenance import commit
 from hil.world.scenario import ScenarioError
@@ -30,8 +31,12 @@ def run(
 
     Raises
     ------
-    ScenarioError if `only` names a fault that is not in the table.
+    ScenarioError if `only` names a fault that is not in the table, or lane disk is not alone.
     """
+    if "disk" in lanes:
+        if set(lanes) != {"disk"}:
+            raise ScenarioError("--lane disk: is a campaign of its own; give no other lane with it")
+        return disk.run(only=only, jobs=jobs, out=out, as_json=as_json, short=short)
     bounds = table.load()
     unknown = sorted(set(only) - {row.type for row in bounds.faults})
     if unknown:

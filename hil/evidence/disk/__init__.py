@@ -1,0 +1,1 @@
+"""Campaign on bad disks: the service on small disks that fill, fail, vanish or are slow."""
