@@ -47,13 +47,16 @@ class Run:
         arm.data["star_tracker"]["port"] = os.ttyname(self.terminals[3])
         arm.data["service"]["checkpoint_period_s"] = 0.5
         self.path = arm.write()
+        self.errors = arm.folder / "stderr"
         self.start(self.path)
 
     def start(self, path: Path) -> None:
-        self.process = subprocess.Popen(
-            [sys.executable, "-c", RUN, str(path)],
-            env=os.environ | {"OPENBLAS_NUM_THREADS": "1", "NOTIFY_SOCKET": f"@{self.notify}"},
-        )
+        with self.errors.open("ab") as errors:
+            self.process = subprocess.Popen(
+                [sys.executable, "-c", RUN, str(path)],
+                env=os.environ | {"OPENBLAS_NUM_THREADS": "1", "NOTIFY_SOCKET": f"@{self.notify}"},
+                stderr=errors,
+            )
 
     def told_systemd(self) -> str:
         """The next thing said to the service manager."""
@@ -327,9 +330,7 @@ def test_nothing_that_a_daemon_writes_can_be_read_by_others(arm: ArmProject):
         run.close()
 
 
-def test_a_service_that_ends_too_often_is_said_and_the_daemon_ends_with_1(
-    capfd: pytest.CaptureFixture[str], run: Run
-):
+def test_a_service_that_ends_too_often_is_said_and_the_daemon_ends_with_1(run: Run):
     run.wait_status(running=True)
     children = Path(f"/proc/{run.process.pid}/task/{run.process.pid}/children")
     began = time.monotonic()
@@ -345,4 +346,4 @@ def test_a_service_that_ends_too_often_is_said_and_the_daemon_ends_with_1(
     assert status["processes"]["service"] == {"gave_up": True, "ends": 6}
     run.process.send_signal(signal.SIGTERM)
     assert run.process.wait(PATIENCE_S) == 1
-    assert "too often: nothing is recorded until the next attempt" in capfd.readouterr().err
+    assert "too often: nothing is recorded until the next attempt" in run.errors.read_text()
