@@ -13,6 +13,14 @@ def node_number(text: str) -> int:
     return int(text, 0)
 
 
+def rate(text: str) -> float:
+    """Return a rate [Hz]; raise ValueError if it is not positive, or too small or large."""
+    value = float(text)
+    if not 0.1 <= value <= 1e4:
+        raise argparse.ArgumentTypeError(f"{text}: must be 0.1 to 10000 Hz")
+    return value
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `fsw init`; on a terminal the command asks for missing ones."""
     parser.add_argument("urdf", type=Path, metavar="URDF")
@@ -42,4 +50,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="ID",
         help="node of the first joint, the others follow; 0x11",
     )
-    parser.add_argument("--rate-hz", type=float, default=250.0, help="of the joints, 250")
+    parser.add_argument("--rate-hz", type=rate, help="of the joints; 250, or the recording's")
+    parser.add_argument(
+        "--recording",
+        type=Path,
+        metavar="FILE",
+        help="CSV, .npz, bag or CAN log: rates, columns, limits and noise; also writes the mapping",
+    )

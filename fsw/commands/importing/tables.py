@@ -52,6 +52,18 @@ class Table:
         self._used: set[str] = set()  # names of columns that have been read
 
     @property
+    def names(self) -> list[str]:
+        """Names of the columns."""
+        return list(self._columns.values)
+
+    def width(self, name: str) -> int:
+        """Return the number of columns of an array, 1 of a column; 0: anything else."""
+        held = self._columns.values[name]
+        if not isinstance(held, np.ndarray):
+            return 1
+        return {1: 1, 2: held.shape[-1]}.get(held.ndim, 0) if held.dtype.kind in "fiuM" else 0
+
+    @property
     def row(self) -> str:
         """What a row is called."""
         return self._columns.rows

@@ -1,0 +1,282 @@
+"""Read what a recording tells `fsw init`: rates, columns, units, limits and noise.
+
+Units are guessed from names and sizes. Whoever reads the mapping must check them.
+"""
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from fsw.commands.importing.tables import ISO, Table
+from fsw.commands.init_columns import (
+    FORCE,
+    GYRO,
+    TURN,
+    Group,
+    axis_groups,
+    chosen,
+    joint_groups,
+    positions_and_torques,
+    times,
+    words_of,
+)
+from fsw.drivers.codecs.canopen import COB_SYNC, COB_TPDO1, NODE_MASK
+from fsw.drivers.ports.can_log import read_can_log
+from fsw.estimators.model.robot import RobotModel
+from fsw.messages import FloatArray
+from fsw.messages.errors import ConfigError, cut
+
+LOGS = (".log", ".blf", ".asc", ".trc")  # of a CAN bus; any other file is a table
+UNITS_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+PERIODS_S = (2e-4, 0.2)  # a sensor's period in seconds; in another unit it is another number
+TURN_RAD = 2.2 * np.pi  # larger angles of a joint with a range are degrees
+FAST_RAD_S = 15.0  # larger rates of a base are degrees a second
+DIFFERENCE = 4  # order of the differences that show noise, not motion
+LEAST = 50  # least number of rows
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limits:
+    """Sizes and noise of one joint in a recording [N m, rad/s, N m, rad]; 0: not known."""
+
+    torque_nm: float = 0.0
+    speed_rad_s: float = 0.0
+    torque_noise_nm: float = 0.0
+    position_noise_rad: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Recorded:
+    """What a recording holds."""
+
+    rate_hz: float  # of the joints
+    imu_rate_hz: float = 0.0  # 0: no inertial unit
+    tracker_rate_hz: float = 0.0  # 0: no star tracker
+    has_torque: bool = True
+    joints: Sequence[Limits] = ()  # in the order of the model
+    nodes: Sequence[int] = ()  # of a CAN log; empty: a table
+    mapping: list[str] = field(default_factory=list)  # lines of the mapping; empty for a CAN log
+
+
+def recorded(path: Path, model: RobotModel) -> Recorded:
+    """Return what a table (CSV, .npz, bag) or CAN log says of the joints of a robot.
+
+    Raises
+    ------
+    ConfigError when it cannot be read, or joints or times are not found in it.
+    """
+    if path.suffix.lower() in LOGS:
+        return _of_log(path, model)
+    return _of_table(Table(path), model)
+
+
+def _of_log(path: Path, model: RobotModel) -> Recorded:
+    frames = read_can_log(path).frames
+    sync = frames["t_ns"][frames["word"] == COB_SYNC]
+    if len(sync) < LEAST:
+        raise ConfigError(
+            f"--recording {path}: {len(sync)} SYNC frames (0x080); too few for a rate"
+        )
+    words = {int(word) for word in np.unique(frames["word"])}
+    nodes = sorted(w & NODE_MASK for w in words if COB_TPDO1 < w <= COB_TPDO1 | NODE_MASK)
+    if len(nodes) < model.n:
+        held = ", ".join(f"0x{node:02x}" for node in nodes) or "none"
+        raise ConfigError(
+            f"--recording {path}: {len(nodes)} nodes send ({held}); the robot has {model.n} joints"
+        )
+    return Recorded(rate_hz=_rate(sync * 1e-9), nodes=nodes[: model.n])
+
+
+def _of_table(table: Table, model: RobotModel) -> Recorded:
+    names = list(table.names)
+    arrays = [
+        Group(stem=name, columns=(name,))
+        for name in names
+        if table.width(name) == model.n and model.n > 1
+    ]
+    position, torque = positions_and_torques([*arrays, *joint_groups(names, model.joint_names)])
+    if position is None:
+        raise ConfigError(
+            f"--recording {table.path}: no {model.n} columns for the positions of "
+            f"{cut(', '.join(model.joint_names))}; it has: {cut(', '.join(names))}"
+        )
+    column, unit, t_s = _time(table, position)
+    q, q_unit = _angles(table, position, model)
+    lines = [f"time: {{column: {_quoted(column)}, unit: {unit}}}  # CHECK", "joints:"]
+    lines.append(f"  order: {_listed(model.joint_names)}  # CHECK as the columns come")
+    lines.append(_line("position", position, q_unit, q, "rad"))
+    tau = None
+    if torque is not None:
+        tau, tau_unit = _torques(table, torque, model)
+        lines.append(_line("torque", torque, tau_unit, tau, "N m"))
+    rest = [
+        name for name in names if name not in {*position.columns, *(torque or position).columns}
+    ]
+    others, imu_rate_hz, tracker_rate_hz = _sensors(table, rest, column)
+    return Recorded(
+        rate_hz=_rate(t_s),
+        imu_rate_hz=imu_rate_hz,
+        tracker_rate_hz=tracker_rate_hz,
+        has_torque=tau is not None,
+        joints=_limits(t_s, q, tau),
+        mapping=[*lines, *others],
+    )
+
+
+def _sensors(
+    table: Table, names: Sequence[str], time_of_joints: str
+) -> tuple[list[str], float, float]:
+    """Return the lines of inertial unit and star tracker with their rates; 0: there is none."""
+    lines, rates_hz = [], [0.0, 0.0]
+    turns = chosen(axis_groups(names, "xyzw"), TURN)
+    axes = axis_groups([n for n in names if turns is None or n not in turns.columns], "xyz")
+    gyro, force = chosen(axes, GYRO, FORCE), chosen(axes, FORCE, GYRO)
+    if gyro is not None:
+        w = _values(table, gyro)
+        in_degrees = "deg" in gyro.stem.lower() or _most(w) > FAST_RAD_S
+        column, unit, t_s = _time(table, gyro)
+        rates_hz[0] = _rate(t_s)
+        lines += ["imu:", *_own_time(column, unit, time_of_joints)]
+        lines.append(_line("rate", gyro, "deg/s" if in_degrees else "rad/s", w, ""))
+        if force is not None:
+            f = _values(table, force)
+            size = float(np.nanmedian(np.linalg.norm(f, axis=1)))
+            lines.append(_line("specific_force", force, "g" if 0.8 < size < 1.2 else "m/s2", f, ""))
+    if turns is not None:
+        column, unit, t_s = _time(table, turns)
+        rates_hz[1] = _rate(t_s)
+        lines += ["star_tracker:", *_own_time(column, unit, time_of_joints)]
+        columns = _listed(turns.columns)
+        lines.append(f"  quaternion: {{columns: {columns}, order: xyzw}}  # CHECK")
+    return lines, rates_hz[0], rates_hz[1]
+
+
+def _own_time(column: str, unit: str, time_of_joints: str) -> list[str]:
+    if column == time_of_joints:
+        return []
+    return [f"  time: {{column: {_quoted(column)}, unit: {unit}}}  # CHECK"]
+
+
+def _time(table: Table, group: Group) -> tuple[str, str, FloatArray]:
+    """Return column and unit of a group's stamps, and the stamps [s]."""
+    rows = len(_values(table, group))
+    for column in times(table.names, group.columns[0]):
+        if table.width(column) != 1:
+            continue
+        t, unit = _stamps(table, column)
+        steps = np.diff(t[np.isfinite(t)])
+        steps = steps[steps > 0.0]
+        if len(t) != rows or len(steps) < LEAST:
+            continue
+        period = float(np.median(steps))
+        fits = [u for u, s in UNITS_S.items() if PERIODS_S[0] <= period * s < PERIODS_S[1]]
+        if not fits:
+            continue
+        if unit != ISO:
+            named = (u for u in UNITS_S if u in words_of(column)[1:] and u in fits)
+            unit = next(named, fits[0])
+        return column, unit, t * UNITS_S.get(unit, 1.0)
+    raise ConfigError(
+        f"--recording {table.path}: no column of times with {rows} rows, at least {LEAST} of them "
+        f"rising, for {group.columns[0]!r}; it has: {cut(', '.join(table.names))}"
+    )
+
+
+def _stamps(table: Table, column: str) -> tuple[FloatArray, str]:
+    """Return a column of times (k,), and its unit if it has dates; then the times are seconds.
+
+    No times come from a column that has neither numbers nor dates.
+    """
+    for unit in ("", ISO):
+        with suppress(ConfigError):
+            return table.column(column, unit)[0][:, 0], unit
+    return np.empty(0), ""
+
+
+def _angles(table: Table, group: Group, model: RobotModel) -> tuple[FloatArray, str]:
+    """Return the joints' positions [rad or m] and their unit in the table."""
+    q, kinds = _values(table, group), model.kinds()
+    turning = np.array([kind == "revolute" for kind in kinds])
+    upper = np.array(model.model.upperPositionLimit[7:])
+    lower = np.array(model.model.lowerPositionLimit[7:])
+    is_ranged = turning & np.isfinite(upper - lower)
+    beyond = is_ranged & (np.nanmax(np.abs(q), axis=0, initial=0.0) > TURN_RAD)
+    in_degrees = "deg" in words_of(group.stem) or bool(beyond.any())
+    if in_degrees:
+        q = np.where(turning, np.deg2rad(q), q)
+    unit = "deg" if in_degrees else "rad"
+    if turning.all():
+        return q, unit
+    return q, f"[{', '.join(unit if kind == 'revolute' else 'm' for kind in kinds)}]"
+
+
+def _torques(table: Table, group: Group, model: RobotModel) -> tuple[FloatArray, str]:
+    """Return the joints' torques [N m or N] and their unit in the table."""
+    tau = _values(table, group)
+    unit = "mN m" if {"mnm", "mn"} & set(words_of(group.stem)) else "N m"
+    slides = [kind == "prismatic" for kind in model.kinds()]
+    words = unit
+    if any(slides):
+        words = f"[{', '.join(unit.removesuffix(' m') if slide else unit for slide in slides)}]"
+    return tau * (1e-3 if unit == "mN m" else 1.0), words
+
+
+def _limits(t_s: FloatArray, q: FloatArray, tau: FloatArray | None) -> list[Limits]:
+    """Return sizes and noise of every joint, from rows that differ from the one before."""
+    is_new = np.append(True, (np.diff(q, axis=0) != 0.0).any(axis=1) & (np.diff(t_s) > 0.0))
+    t_s, q = t_s[is_new], q[is_new]
+    tau = np.full_like(q, np.nan) if tau is None else tau[is_new]
+    speeds = np.abs(np.diff(q, axis=0)) / np.diff(t_s)[:, None] if len(t_s) > 1 else np.abs(q)
+    return [
+        Limits(
+            torque_nm=_most(tau[:, k]),
+            speed_rad_s=_most(speeds[:, k]),
+            torque_noise_nm=_noise(tau[:, k]),
+            position_noise_rad=_noise(q[:, k]),
+        )
+        for k in range(q.shape[1])
+    ]
+
+
+def _most(values: FloatArray) -> float:
+    """Return the size that 99.9 % of the values keep; 0: there are none."""
+    finite = np.abs(values[np.isfinite(values)])
+    return float(np.quantile(finite, 0.999)) if finite.size else 0.0
+
+
+def _noise(values: FloatArray) -> float:
+    """Return 1 sigma of white noise by differences of a high order; 0: none is seen."""
+    values = values[np.isfinite(values)]
+    if len(values) < LEAST:
+        return 0.0
+    gain = np.sqrt(70.0)  # of white noise in fourth differences: root of 1 + 16 + 36 + 16 + 1
+    return float(1.4826 * np.median(np.abs(np.diff(values, DIFFERENCE))) / gain)
+
+
+def _rate(t_s: FloatArray) -> float:
+    """Return the rate of samples [Hz] with three digits, from the median of the steps."""
+    steps = np.diff(t_s[np.isfinite(t_s)])
+    return float(f"{1.0 / float(np.median(steps[steps > 0.0])):.3g}")
+
+
+def _values(table: Table, group: Group) -> FloatArray:
+    return np.concatenate([table.column(name)[0] for name in group.columns], axis=1)
+
+
+def _line(key: str, group: Group, unit: str, values: FloatArray, shown: str) -> str:
+    columns = _quoted(group.columns[0]) if len(group.columns) == 1 else _listed(group.columns)
+    size = f" largest {_most(values):.3g} {shown}" if shown else ""
+    return f"  {key}: {{columns: {columns}, unit: {unit}}}  # CHECK{size}"
+
+
+def _quoted(text: str) -> str:
+    """Return a name as a YAML scalar that may stand in a flow mapping."""
+    return yaml.safe_dump([text], width=np.inf, default_flow_style=True).strip()[1:-1]
+
+
+def _listed(names: Sequence[str]) -> str:
+    return f"[{', '.join(map(_quoted, names))}]"
