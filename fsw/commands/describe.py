@@ -47,7 +47,7 @@ def _robot(config: Config, problem: Problem) -> list[str]:
     return [
         f"{config.resolve(config.robot.urdf)}, tool frame {config.robot.tool_frame}",
         f"{model.n} joints; mass moved by each [kg]: {', '.join(joints)}",
-        f"root link {masses[0]:.6g} kg, all links {masses[1:].sum():.6g} kg",
+        f"root link {masses[0]:.6g} kg, all links {masses.sum():.6g} kg",
         *_held(config.base),
         *([f"without torque sensor: {', '.join(blind)}"] if blind else []),
         *_by_speed(config),

@@ -12,7 +12,7 @@ def test_the_description_says_what_the_daemon_would_do(arm):
     assert_named(
         text,
         "3 joints",
-        "root link 200 kg, all links 9 kg",
+        "root link 200 kg, all links 209 kg",
         "target: unknown; prior mass 80 +- 40 kg",
         "base: known; as the URDF's root link",
         "0x11 axis1, 0x12 axis2, 0x13 axis3",
@@ -24,6 +24,16 @@ def test_the_description_says_what_the_daemon_would_do(arm):
         "effects that are off: Coulomb friction (joints[].friction_coulomb_sigma_nm)",
         str(arm.folder / "recordings"),
     )
+
+
+def test_all_links_include_the_root_link(arm):
+    totals = []
+    for kg in ("200", "20"):
+        arm.urdf = arm.urdf.replace('<mass value="200"/>', f'<mass value="{kg}"/>')
+        config = load(arm.write())
+        text = describe(config, validate(config)[0])
+        totals += [line.strip() for line in text.splitlines() if "all links" in line]
+    assert totals == ["root link 200 kg, all links 209 kg", "root link 20 kg, all links 29 kg"]
 
 
 def test_an_effect_that_only_some_joints_have_is_off_at_the_others(arm):
