@@ -18,10 +18,10 @@ from fsw.config import Config
 from fsw.config.modes import METHODS_MODES
 from fsw.config.robot import METHODS_HELD
 from fsw.estimators.batch.diagnosis import diagnose_batch
+from fsw.estimators.batch.plain import BatchSolution
 from fsw.estimators.batch.reference import with_reference
 from fsw.estimators.batch.settle import settle
 from fsw.estimators.batch.solver import (
-    BatchSolution,
     Progress,
     Target,
     linear_covariance,
@@ -269,7 +269,12 @@ def _likelihood(
         looked = straighten(problem, settled.target, solution)
         covariance, note = looked.covariance, looked.note
         status = status if looked.bounded else "INSUFFICIENT_EXCITATION"
-    notes = (note, in_words(conflicts), stated.suspicion(solution.mean).removeprefix("; "))
+    notes = (
+        note,
+        solution.note,
+        in_words(conflicts),
+        stated.suspicion(solution.mean).removeprefix("; "),
+    )
     wrong = settled.mismatch or doubted or implausible
     # no sensor has so much noise: errors of the model count as noise and hide the excitation
     drowned = settled.level > MISMATCH_LEVEL and status == "INSUFFICIENT_EXCITATION"

@@ -7,7 +7,8 @@ from itertools import compress
 import numpy as np
 from scipy.special import chdtri
 
-from fsw.estimators.batch.solver import BatchSolution, Progress, Target, minimise
+from fsw.estimators.batch.plain import BatchSolution
+from fsw.estimators.batch.solver import Progress, Target, minimise
 from fsw.estimators.measurement.row_functions import Linearisation
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.recursive.change import MISMATCH_LEVEL, InnovationMonitor, colour, slow_power
@@ -53,7 +54,8 @@ def settle(
         fitted = fits
         fits = [float(b @ b) <= limit for b, limit in zip(residuals, limits, strict=True)]
         alike, bound = colour(left)
-        mismatch = level > MISMATCH_LEVEL or slow > most or alike > bound
+        no_body = bool(solution.note) and solution.status != "NOT_CONVERGED"
+        mismatch = level > MISMATCH_LEVEL or slow > most or alike > bound or no_body
         if len(blocks) - sum(fits) > GATED_SHARE * len(blocks):
             mismatch = True
             break

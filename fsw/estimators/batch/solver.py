@@ -5,56 +5,37 @@ and the base's inertia never becomes singular; the covariance is given in the li
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from itertools import compress
 
 import numpy as np
-from scipy.special import chdtri
 
 from fsw.estimators.batch.curvature import STIFF, WEAK, Widening, widen
-from fsw.estimators.measurement.row_functions import Linearisation, RowsFunction
-from fsw.estimators.model.inertia import (
-    from_log_cholesky,
-    is_consistent,
-    log_cholesky_jacobian,
-    nearest_consistent,
-    to_log_cholesky,
+from fsw.estimators.batch.plain import (
+    CONVERGED,
+    MAX_PLAIN_STEPS,
+    WEAKEST_GAIN,
+    BatchSolution,
+    RowsAt,
+    cost_of,
+    plain_solution,
+    to_theta,
+    to_x,
+    weakest_gain,
 )
+from fsw.estimators.measurement.row_functions import Linearisation, RowsFunction
+from fsw.estimators.model.inertia import log_cholesky_jacobian
 from fsw.estimators.model.mobility import NOTE, by_mobility, is_bent
 from fsw.estimators.model.prior import Prior
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.square_root import SquareRootInformation
 from fsw.messages import Block, FloatArray
-from fsw.messages.errors import EstimatorError
 
 MAX_ITERATIONS = 60
-MAX_PLAIN_STEPS = 40  # up to 18 were needed from starts that were 30-50 % wrong
 PROFILE_ITERATIONS = 4  # of every point of a profile
-CONVERGED = 1e-3  # whitened rms step at which the iteration stops
 NEGLIGIBLE = 1e-6  # whitened rms step after which the rows are not evaluated again
 DAMPING = 1e-3  # initial
-NOISE_PROBABILITY = 1e-3  # that noise alone moves a body so far out of the consistent ones
-WEAKEST_GAIN = (
-    0.5  # prior variance over posterior variance, minus one, of the least known direction
-)
 
 Progress = Callable[[float, str], bool]  # fraction and text; False aborts
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class BatchSolution:
-    """A batch estimate: status is OK, NOT_CONVERGED, INSUFFICIENT_EXCITATION or ABORTED."""
-
-    status: str
-    mean: FloatArray  # (p,)
-    information: SquareRootInformation
-    iterations: int
-    cost: float  # sum of squared whitened residuals, prior included
-    rows: int
-
-
-# rows A (k, p) and b (k,) at a state
-RowsAt = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
 
 class Target:
@@ -104,22 +85,37 @@ def minimise(
     With `plain`, re-weighted Gauss-Newton comes first. Levenberg-Marquardt over the consistent
     bodies follows, from where Gauss-Newton settles, or else from the start. The best values of a
     light body, as of an empty gripper, often lie just outside the consistent ones: if noise alone
-    explains this, they are the solution, and the published body is marked as inconsistent.
+    explains this, they are the solution, and the published body is marked as inconsistent. If noise
+    does not, the least cost lies at the edge of the consistent bodies, which is infinitely far in
+    log-Cholesky coordinates. Gauss-Newton steps to the nearest consistent bodies find it, and the
+    note says what the data want instead.
 
     `start` is the first iterate (the prior's mean when None), moved to consistent bodies if needed.
     """
     prior = problem.prior
     x = prior.mean if start is None else start
     if plain:
-        x, settled = _gauss_newton(problem, target, prior, x)
-        light = _light(problem, target, prior, x) if settled else None
-        if light is not None:
-            return light
-    theta = _to_theta(problem, x)
-    x = _to_x(problem, theta)
-    damping, iterations, status = DAMPING, 0, "NOT_CONVERGED"
+        x, found = plain_solution(problem, target, prior, x)
+        if found is not None:
+            return found
+    return _damped(problem, target, prior, x, progress, max_iterations)
+
+
+def _damped(
+    problem: Problem,
+    target: RowsAt,
+    prior: Prior,
+    x: FloatArray,
+    progress: Progress | None,
+    max_iterations: int,
+) -> BatchSolution:
+    """Return the end of Levenberg-Marquardt over the consistent bodies, from x (p,)."""
+    theta = to_theta(problem, x)
+    x = to_x(problem, theta)
+    damping, iterations, status, before = DAMPING, 0, "NOT_CONVERGED", x
+    away: list[str] = []
     stacked, b = target(x)
-    cost = _cost(prior, x, b)
+    cost = cost_of(prior, x, b)
     while iterations < max_iterations:
         iterations += 1
         known = prior.at(x)
@@ -137,35 +133,62 @@ def minimise(
                 accepted = True
                 break
             trial_theta = theta + _bounded(problem, step)
-            trial = _to_x(problem, trial_theta)
+            trial = to_x(problem, trial_theta)
             try:
                 trial_stacked, trial_b = target(trial)
-                trial_cost = _cost(prior, trial, trial_b)
+                trial_cost = cost_of(prior, trial, trial_b)
             except np.linalg.LinAlgError:  # so far off that nothing can be predicted
                 trial_cost = np.inf
             accepted = trial_cost <= cost * (1 + 1e-9)
             damping = max(damping / 10, 1e-12) if accepted else damping * 10
         if not accepted:
             break
+        gained, before = cost - trial_cost, x
         theta, x, stacked, b, cost = trial_theta, trial, trial_stacked, trial_b, trial_cost
         if progress is not None and not progress(
             min(1.0, iterations / 10), f"iteration {iterations}: step {moved:.2g} sigma"
         ):
             status = "ABORTED"
             break
-        if moved < CONVERGED:
+        # a step that is cut short and gains nothing: the least cost is infinitely far away
+        away = _runs_away(problem, step) if gained < CONVERGED**2 * len(x) else []
+        if moved < CONVERGED or away:
             status = "OK"
             break
-    if status == "OK" and _weakest_gain(problem, stacked) < WEAKEST_GAIN:
+    if status == "OK" and weakest_gain(problem, stacked) < WEAKEST_GAIN:
         status = "INSUFFICIENT_EXCITATION"
+    information = prior.at(x).update(stacked, b + stacked @ x)
     return BatchSolution(
         status=status,
         mean=x,
-        information=prior.at(x).update(stacked, b + stacked @ x),
+        information=information,
         iterations=iterations,
         cost=cost,
         rows=len(b),
+        note=_note(problem, away, status, x - before, information),
     )
+
+
+def _note(
+    problem: Problem,
+    away: Sequence[str],
+    status: str,
+    step: FloatArray,
+    information: SquareRootInformation,
+) -> str:
+    if status == "NOT_CONVERGED":
+        return _still_moving(problem, step, information)
+    return "; ".join(f"the data want no body at all for the {name}" for name in away)
+
+
+def _still_moving(problem: Problem, step: FloatArray, information: SquareRootInformation) -> str:
+    """Return a note on the state that the last step changed most in its own sigmas."""
+    sigma = np.sqrt(np.diag(information.covariance()))
+    sigmas = np.abs(step) / sigma
+    most = int(np.argmax(sigmas))
+    if not sigmas[most] > 0.0:
+        return "no step makes the residuals smaller"
+    return f"{problem.names[most]} still moves by {sigmas[most]:.2g} sigma at each step"
 
 
 def regress(problem: Problem, target: Target) -> BatchSolution:
@@ -184,83 +207,14 @@ def regress(problem: Problem, target: Target) -> BatchSolution:
         A, b = target(x)
         if step @ step < CONVERGED**2 * len(x):
             status = "OK"
-    if status == "OK" and _weakest_gain(problem, A) < WEAKEST_GAIN:
+    if status == "OK" and weakest_gain(problem, A) < WEAKEST_GAIN:
         status = "INSUFFICIENT_EXCITATION"
     return BatchSolution(
         status=status,
         mean=x,
         information=prior.update(A, b + A @ x),
         iterations=iterations,
-        cost=_cost(problem.prior, x, b),
-        rows=len(b),
-    )
-
-
-def _gauss_newton(
-    problem: Problem, target: RowsAt, prior: Prior, start: FloatArray
-) -> tuple[FloatArray, bool]:
-    """Return where undamped steps in the linear parameters settle; else the start and False.
-
-    Far from the solution the covariance of errors-in-variables rows grows with the parameters, and
-    a search by cost can prefer too heavy bodies; plain steps with re-weighting do not. Rows are
-    evaluated at the nearest consistent bodies.
-    """
-    x = start
-    for _ in range(MAX_PLAIN_STEPS):
-        at = _to_x(problem, _to_theta(problem, x))
-        try:
-            x, moved, _ = _plain_step(target, prior, x, at)
-        except (EstimatorError, np.linalg.LinAlgError):
-            return start, False
-        if moved < CONVERGED:
-            return x, True
-    return start, False
-
-
-def _plain_step(
-    target: RowsAt, prior: Prior, x: FloatArray, at: FloatArray
-) -> tuple[FloatArray, float, SquareRootInformation]:
-    """Return the minimum by rows linearised at `at`, its whitened rms step from x, information."""
-    A, b = target(at)
-    information = prior.at(at).update(A, b + A @ at)
-    mean = information.mean()
-    step = information.R @ (mean - x)
-    return mean, float(np.sqrt(step @ step / len(x))), information
-
-
-def _light(problem: Problem, target: RowsAt, prior: Prior, x: FloatArray) -> BatchSolution | None:
-    """Return the solution where noise alone explains why a body's best values are inconsistent.
-
-    None: the bodies are consistent, or the base is not, or noise does not explain one of them.
-    """
-    if all(is_consistent(x[problem.body(name)]) for name in problem.unknown):
-        return None
-    iterations, moved = 0, np.inf
-    while moved >= CONVERGED and iterations < MAX_PLAIN_STEPS:
-        iterations += 1
-        try:
-            x, moved, information = _plain_step(target, prior, x, x)
-        except (EstimatorError, np.linalg.LinAlgError):
-            return None
-    if moved >= CONVERGED:
-        return None
-    covariance = information.covariance()
-    for name in problem.unknown:
-        k = problem.body(name)
-        if is_consistent(x[k]):
-            continue
-        off = x[k] - nearest_consistent(x[k], covariance[k, k])
-        far = off @ np.linalg.solve(covariance[k, k], off)
-        if name == "base" or far > chdtri(len(off), NOISE_PROBABILITY):
-            return None
-    A, b = target(x)
-    gain = _weakest_gain(problem, A)
-    return BatchSolution(
-        status="OK" if gain >= WEAKEST_GAIN else "INSUFFICIENT_EXCITATION",
-        mean=x,
-        information=information,
-        iterations=iterations,
-        cost=_cost(prior, x, b),
+        cost=cost_of(problem.prior, x, b),
         rows=len(b),
     )
 
@@ -294,7 +248,7 @@ def straighten(problem: Problem, target: Target, solution: BatchSolution) -> Wid
         x = minimise(
             problem, held, start=start, max_iterations=PROFILE_ITERATIONS, plain=False
         ).mean
-        return x, _cost(problem.prior, x, target(x)[1])
+        return x, cost_of(problem.prior, x, target(x)[1])
 
     return widen(
         solution.mean,
@@ -308,28 +262,6 @@ def straighten(problem: Problem, target: Target, solution: BatchSolution) -> Wid
     )
 
 
-def _cost(prior: Prior, x: FloatArray, b: FloatArray) -> float:
-    return float(b @ b) + prior.cost(x)
-
-
-def _to_theta(problem: Problem, x: FloatArray) -> FloatArray:
-    theta = x.copy()
-    for name in problem.unknown:
-        k = problem.body(name)
-        pi = x[k]
-        if not is_consistent(pi):
-            pi = nearest_consistent(pi, problem.prior_covariance[k, k])
-        theta[k] = to_log_cholesky(pi)
-    return theta
-
-
-def _to_x(problem: Problem, theta: FloatArray) -> FloatArray:
-    x = theta.copy()
-    for name in problem.unknown:
-        x[problem.body(name)] = from_log_cholesky(theta[problem.body(name)])
-    return x
-
-
 def _chain(problem: Problem, theta: FloatArray) -> FloatArray:
     D = np.eye(len(theta))
     for name in problem.unknown:
@@ -340,27 +272,16 @@ def _chain(problem: Problem, theta: FloatArray) -> FloatArray:
 
 def _bounded(problem: Problem, step: FloatArray) -> FloatArray:
     """Limit the step so that diagonals of pseudo-inertia factors change by a factor e at most."""
-    largest = max(np.abs(step[problem.body(name)][:4]).max() for name in problem.unknown)
+    largest = max(_log_factor(problem, step, name) for name in problem.unknown)
     bounded: FloatArray = step / max(1.0, float(largest))
     return bounded
 
 
-def _weakest_gain(problem: Problem, stacked: FloatArray) -> float:
-    """Return the data's information over the prior's in the least known direction of the bodies.
+def _runs_away(problem: Problem, step: FloatArray) -> list[str]:
+    """Return the bodies of which `_bounded` shortens the step."""
+    return [name for name in problem.unknown if _log_factor(problem, step, name) > 1.0]
 
-    Nuisances are marginalised with their priors.
-    """
-    k, prior = problem.shown, problem.prior_covariance
-    F = stacked.T @ stacked
-    others = np.setdiff1d(np.arange(len(F)), k)
-    if len(others):
-        D = F + np.linalg.solve(prior, np.eye(len(F)))
-        across = D[np.ix_(k, others)]
-        D_others = D[np.ix_(others, others)]
-        own = D[np.ix_(k, k)] - across @ np.linalg.solve(D_others, across.T)
-        P = prior[np.ix_(k, k)]
-        F = own - np.linalg.solve(P, np.eye(len(k)))
-    else:
-        P = prior
-    L = np.linalg.cholesky(P)
-    return float(np.linalg.eigvalsh(L.T @ F @ L)[0])
+
+def _log_factor(problem: Problem, step: FloatArray, name: str) -> float:
+    """Return the largest change of the logarithm of a diagonal of a body's factor."""
+    return float(np.abs(step[problem.body(name)][:4]).max())

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from fsw.config import Config
-from fsw.estimators.batch.solver import BatchSolution, Target, linear_covariance, regress, solve
+from fsw.estimators.batch.plain import BatchSolution
+from fsw.estimators.batch.solver import Target, linear_covariance, regress, solve
 from fsw.estimators.measurement.row_functions import Linearisation, row_function
 from fsw.estimators.model.problem import Problem
 from fsw.messages.errors import EstimatorError

@@ -14,7 +14,8 @@ import numpy as np
 from scipy.interpolate import BSpline
 from scipy.linalg import block_diag
 
-from fsw.estimators.batch.solver import BatchSolution, solve
+from fsw.estimators.batch.plain import BatchSolution
+from fsw.estimators.batch.solver import solve
 from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.measurement.fused import predict
 from fsw.estimators.measurement.impulse import Impulse
