@@ -60,7 +60,11 @@ def import_arguments(commands: Commands, command: Command) -> None:
         "fsw import arm.csv --map mapping.yaml --config robot.yaml --out recording.mcap",
     )
     parser.add_argument(
-        "file", type=Path, metavar="FILE", nargs="?", help="CSV, .npz or ROS 2 bag; with --map"
+        "file",
+        type=Path,
+        metavar="FILE",
+        nargs="?",
+        help="table, .npz or ROS 2 bag; with --map",
     )
     parser.add_argument("--map", type=Path, metavar="YAML", help="what the columns of FILE are")
     parser.add_argument("--config", type=Path, metavar="CONFIG", required=True)
@@ -71,7 +75,7 @@ def import_arguments(commands: Commands, command: Command) -> None:
         action="append",
         default=[],
         metavar="BUS=FILE[:CHANNEL]",
-        help="of a bus: candump .log, .blf, .asc",
+        help="of a bus: candump, .blf, .asc, .trc, BUSMASTER",
     )
     parser.add_argument(
         "--serial",

@@ -20,6 +20,7 @@ COMMENTS = ("#", "%", "//")
 NOTHING = ("", "nan", "null", "none", "n/a", "na", "-")
 MOST_DROPPED = 0.01  # share of rows of another length, and at least one row
 _DATE = re.compile(r"\d{4}-?\d{2}-?\d{2}([T ]|$)")
+_SEPARATOR = re.compile(r"sep=.", re.IGNORECASE)  # a first line that Excel reads
 _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d*([eE][-+]?\d+)?")
 
 
@@ -41,7 +42,10 @@ def csv_columns(path: Path) -> Columns:
     is_cut = not text.endswith(("\n", "\r"))
     if is_cut:
         lines.pop()
-    is_comment = [line.lstrip().startswith(COMMENTS) for _, line in lines]
+    is_comment = [
+        line.lstrip().startswith(COMMENTS) or _SEPARATOR.fullmatch(line.strip()) is not None
+        for _, line in lines
+    ]
     body = [line for line, skip in zip(lines, is_comment, strict=True) if not skip]
     if not body:
         raise ConfigError(f"{path}: is empty" + " but for a line that is cut off" * is_cut)
@@ -135,7 +139,10 @@ def _text(path: Path) -> str:
     try:
         data = path.read_bytes()
         is_wide = data[:2] in (b"\xff\xfe", b"\xfe\xff")  # as Excel writes Unicode text
-        text = data.decode("utf-16" if is_wide else "utf-8-sig")
+        try:
+            text = data.decode("utf-16" if is_wide else "utf-8-sig")
+        except UnicodeDecodeError:
+            text = data.decode("cp1252")  # older tools of Windows, whose header has a degree sign
     except (OSError, UnicodeDecodeError) as error:
         words = error.strerror if isinstance(error, OSError) else "it is no text"
         raise ConfigError(f"{path}: cannot be read: {words}") from error

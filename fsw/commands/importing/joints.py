@@ -52,7 +52,7 @@ def found_joints(config: Config, mapped: Joints, section: Section) -> Found:
     calibration, every = Calibration(joints, on_wire=False), np.arange(len(order))
 
     position = part_of(section, "joints.position", mapped.position, order)
-    wrapped = _unwrapped(mapped.position, joints, position, section.stamps_s, limits, slack)
+    wrapped = _unwrapped(mapped.position, joints, position, section.stamps_s, limits, noise)
     angles, _ = calibration.apply(every, position.finite, np.zeros(len(order)))
     reach = limits * _lasted_s(section.stamps_s, len(angles), min(rates_hz.values())) + noise
     is_far = np.abs(angles - _middle(angles)) > reach
@@ -134,7 +134,7 @@ def _unwrapped(
     part: Part,
     stamps_s: FloatArray,
     limits: FloatArray,
-    slack: FloatArray,
+    noise: FloatArray,
 ) -> list[str]:
     """Unwrap the angles of revolute joints in place; return a line for each that wraps."""
     declared: Sequence[bool | None] = quantity.wraps or (None,)
@@ -152,7 +152,7 @@ def _unwrapped(
     if len(part.values) != len(stamps_s):
         return []  # the caller compares the lengths
     values = np.where(np.abs(part.values) <= MOST_RAD, part.values, np.nan)
-    counts = unwrap(values, stamps_s[:, 0], limits, slack, own)
+    counts = unwrap(values, stamps_s[:, 0], limits, noise, own)
     is_known = np.isfinite(values)
     part.values[is_known] = values[is_known]
     return [

@@ -81,11 +81,12 @@ FORMS = {
     "blank lines": lambda: [*lines()[:40], "", *lines()[40:], ""],
     "a delimiter at the end": lambda: [lines()[0], *(f"{line}," for line in lines()[1:])],
     "line ends of Windows": lambda: [f"{line}\r" for line in lines()],
+    "the separator of Excel, comments of it": lambda: ["sep=;", *lines(by=";")],
     "byte order mark": lambda: ["\ufeff" + lines()[0], *lines()[1:]],
 }
 
 
-COMMENTED = ("comments", "comments in between", "a comment as header")
+COMMENTED = [form for form in FORMS if "comment" in form]
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -95,6 +96,17 @@ def test_a_form_of_other_tools_is_read_alike(arm, form):
     assert len(positions(arm)) == ROWS
     assert ("comment lines: " in arm.said) == (form in COMMENTED)
     assert ("decimal comma" in arm.said) == ("decimal" in form)
+
+
+@pytest.mark.parametrize("encoding", ["cp1252", "utf-16", "utf-8-sig"])
+def test_a_header_with_degree_signs_in_any_encoding_is_read(arm, encoding):
+    names = ["t", "Winkel 1 [°]", "Winkel 2 [°]", "tau_j1", "tau_j2"]
+    mapping = json.loads(json.dumps(MAPPING))
+    mapping["joints"]["position"] = {"columns": names[1:3], "unit": "deg"}
+    path = arm.folder / "a.csv"
+    path.write_text("\n".join(lines(names=names)) + "\n", encoding=encoding)
+    assert arm.table(path, mapping) == 0
+    assert np.allclose([row["j2"] for row in positions(arm)], np.radians(VALUES[:, 2]))
 
 
 @pytest.mark.parametrize("by", [",", " ", ";"])
