@@ -67,6 +67,7 @@ def as_json(body: Body) -> str:
         "frame": body.frame,
         "valid": body.valid,
         "reason": body.reason,
+        "reasons": list(body.reasons),
         "mass_kg": body.mass_kg,
         "com_m": body.com_m.tolist(),
         "inertia_kg_m2": body.inertia_kg_m2.tolist(),
@@ -105,7 +106,7 @@ def write_body(body: Body, path: Path) -> None:
         "covariance": list(body.covariance),
     }
     facts = {"body": body.name, "frame": body.frame, "valid": str(body.valid).lower()}
-    write_parquet(path, columns, facts | {"reason": body.reason})
+    write_parquet(path, columns, facts | {"reason": ", ".join(body.reasons)})
 
 
 FORMATS: dict[str, Callable[[Body], str]] = {

@@ -33,9 +33,18 @@ class Body:
     com_m: FloatArray  # (3,)
     inertia_kg_m2: FloatArray  # (6,) xx xy xz yy yz zz about the centre of mass
     covariance: FloatArray  # (10, 10) of `values`
-    valid: bool
-    reason: str  # why not valid; empty when valid
+    reasons: tuple[str, ...]  # why not valid, the most severe first; empty when valid
     frame: str  # name of the frame of com_m and inertia_kg_m2
+
+    @property
+    def valid(self) -> bool:
+        """Whether the body may be used."""
+        return not self.reasons
+
+    @property
+    def reason(self) -> str:
+        """The most severe reason why the body is not valid; empty when valid."""
+        return next(iter(self.reasons), "")
 
     def values(self) -> FloatArray:
         """Return mass [kg], centre of mass [m] and inertia [kg m^2] as one array (10,)."""
@@ -62,8 +71,8 @@ def body_of(result: Mapping[str, Any], name: str | None) -> Body:
         found = result["estimate"][name]
         places = [list(result["names"]).index(f"{name}.{quantity}") for quantity in NAMES]
         state = np.array(result["covariance"], np.float64)[np.ix_(places, places)]
-        reason = result["reason"] if "valid" in result else result["status"]
-        valid = bool(result.get("valid", reason == "OK"))
+        worst = str(result["reason"] if "valid" in result else result["status"])
+        reasons = tuple(map(str, result.get("reasons", [worst] * (worst not in ("", "OK")))))
         frame = str((FRAMES | dict(result.get("frames") or {})).get(name, "own"))
         with np.errstate(all="ignore"):  # values that are not finite are refused below
             pi = to_parameters(found["mass_kg"], found["com_m"], found["inertia_kg_m2"])
@@ -86,8 +95,7 @@ def body_of(result: Mapping[str, Any], name: str | None) -> Body:
         com_m=com,
         inertia_kg_m2=inertia,
         covariance=covariance,
-        valid=valid,
-        reason="" if valid else str(reason),
+        reasons=reasons,
         frame=frame,
     )
 

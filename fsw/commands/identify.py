@@ -10,7 +10,7 @@ from fsw.commands.holdout import judge, split
 from fsw.commands.holdout import to_text as holdout_text
 from fsw.commands.nodes import Nodes
 from fsw.commands.replay import replay
-from fsw.commands.replay_result import ReplayResult, known_by, with_sigma
+from fsw.commands.replay_result import ReplayResult, in_words, known_by, with_sigma
 from fsw.commands.report.collect import Collector
 from fsw.commands.span import WHOLE, Span
 from fsw.commands.unused import missed
@@ -175,11 +175,11 @@ def noise_text(result: Mapping[str, Any]) -> list[str]:
 
 def to_text(result: Mapping[str, Any]) -> str:
     """Return the result of `identify` as a short table."""
-    state = "valid" if result["status"] == "OK" else f"not valid: {result['status']}"
+    state = in_words(result["reasons"])
     lines = [f"{result['method']}, unknown {', '.join(result['unknown'])}: {state}"]
-    if result["status"] in ("NOT_CONVERGED", "MODEL_MISMATCH"):
+    if {"NOT_CONVERGED", "MODEL_MISMATCH"}.intersection(result["reasons"]):
         lines.append("to find why: fsw check CONFIG RECORDING names the usual mistakes")
-    if result["status"] == "INSUFFICIENT_EXCITATION":
+    if "INSUFFICIENT_EXCITATION" in result["reasons"]:
         lines.append("the motion does not show every parameter: fsw excite plans one that does")
     if result.get("note"):
         lines.append(f"note: {result['note']}")
@@ -193,7 +193,7 @@ def to_text(result: Mapping[str, Any]) -> str:
     diagnosis = result["diagnosis"]
     if diagnosis is not None:
         lines += list(diagnosis["verdict"].values())
-    if diagnosis is not None and result["status"] != "NOT_CONVERGED":
+    if diagnosis is not None and "NOT_CONVERGED" not in result["reasons"]:
         efficiency = diagnosis["efficiency_volume"]
         lines.append(f"efficiency {efficiency:.3g}; 1 is the Cramer-Rao bound of all sensors")
     lines += noise_text(result)

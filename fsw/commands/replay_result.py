@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from fsw.commands.unused import unused_lines
-from fsw.estimators.parameter_verdicts import in_words
+from fsw.estimators import parameter_verdicts
 from fsw.exchange.status import estimate_summary
 from fsw.messages import Estimate, Event
 
@@ -45,7 +45,11 @@ class ReplayResult:
 
     def to_json(self) -> dict[str, Any]:
         """Return plain values under the keys that all commands use."""
-        summary = estimate_summary(self.estimate) or {"valid": False, "reason": "NO_DATA"}
+        summary = estimate_summary(self.estimate) or {
+            "valid": False,
+            "reason": "NO_DATA",
+            "reasons": ["NO_DATA"],
+        }
         return {
             "unknown": list(self.unknown),
             "method": self.method,
@@ -76,7 +80,7 @@ class ReplayResult:
     def to_text(self) -> str:
         """Return a short table: parameters with their sigma, then the sources."""
         values = self.to_json()
-        state = "valid" if values["valid"] else f"not valid: {values['reason']}"
+        state = in_words(values["reasons"])
         lines = [f"{self.method}, unknown {', '.join(self.unknown)}: {state}"]
         for body, estimate in values["estimate"].items():
             for key, mean in estimate.items():
@@ -118,7 +122,12 @@ def _state(estimate: Estimate | None) -> dict[str, Any]:
 def known_by(diagnosis: Mapping[str, Any] | None, body: str) -> list[str]:
     """Return a line on whether data, prior or nothing determines each parameter of a body."""
     words = {} if diagnosis is None else diagnosis.get("parameters", {})
-    return [f"{body}: {in_words(words[body])}"] if body in words else []
+    return [f"{body}: {parameter_verdicts.in_words(words[body])}"] if body in words else []
+
+
+def in_words(reasons: Sequence[str]) -> str:
+    """Return whether an estimate is valid, with every reason why it is not."""
+    return f"not valid: {', '.join(reasons)}" if reasons else "valid"
 
 
 def with_sigma(mean: float | Sequence[float], sigma: float | Sequence[float]) -> str:

@@ -161,7 +161,7 @@ def diagnose(
     duration_s: float,
     bound: FloatArray | None = None,
     goal_ratio: float = GOAL_RATIO,
-    reason: str = "",
+    reasons: Sequence[str] = (),
 ) -> Diagnosis:
     """Diagnose one estimate.
 
@@ -171,7 +171,7 @@ def diagnose(
     bound : (p, p) least covariance that all the data and the prior allow; None: the estimate's own,
         for which the efficiency is one
     goal_ratio : relative 1-sigma of the mass that the verdict is about
-    reason : why the estimate is invalid, for the verdict; empty: the estimate is valid
+    reasons : why the estimate is invalid, for the verdict; empty: the estimate is valid
 
     Raises
     ------
@@ -186,7 +186,9 @@ def diagnose(
     # row k of W acts on x; its loadings on the unknowns in prior sigmas are W P0 diag(1/sigma)
     loadings = W @ prior_covariance / np.sqrt(np.diag(prior_covariance))
     parameters = {
-        name: parameter_verdicts(body, _stated_sigma(prior_mean[k], prior_covariance[k, k]), reason)
+        name: parameter_verdicts(
+            body, _stated_sigma(prior_mean[k], prior_covariance[k, k]), reasons
+        )
         for name, body in bodies.items()
         for k in [_places(names, name)]
     }
@@ -207,8 +209,8 @@ def diagnose(
         conflict=distance,
         conflict_limit=conflict_limit(dof),
         verdicts={
-            name: _refusal(name, body, reason, parameters[name])
-            if reason
+            name: _refusal(name, body, reasons, parameters[name])
+            if reasons
             else verdict(
                 name,
                 body.mass_kg,
@@ -235,8 +237,9 @@ def _stated_sigma(mean: FloatArray, covariance: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.maximum(np.diag(J @ covariance @ J.T), 0.0)), np.float64)
 
 
-def _refusal(name: str, body: BodyEstimate, reason: str, words: Words) -> str:
+def _refusal(name: str, body: BodyEstimate, reasons: Sequence[str], words: Words) -> str:
     """Return the verdict on an invalid estimate; a measured mass is named as usable alone."""
+    reason = ", ".join(reasons)
     if words["mass_kg"] != MEASURED:
         return f"{name} mass not identified: the estimate is not valid, {reason}"
     ratio = body.mass_sigma_kg / abs(body.mass_kg)

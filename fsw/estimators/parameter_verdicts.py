@@ -4,34 +4,43 @@ A light payload's mass and centre of mass can be of use while its inertia is not
 has its own verdict, beside the verdict on the estimate as a whole.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from fsw.messages import BodyEstimate, FloatArray
 
 MEASURED, PRIOR, UNBOUNDED, INVALID = "measured", "prior-dominated", "unbounded", "not valid"
-USABLE = ("", "INSUFFICIENT_EXCITATION")  # reasons that do not affect measured parameters
+HARMLESS = {"INSUFFICIENT_EXCITATION"}  # reasons that do not affect measured parameters
 DATA_GAIN = 1.0  # data's information over the prior's, above which a parameter is measured
 NAMES = ("mass", "x", "y", "z", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
 
 Words = dict[str, str | list[str]]
 
 
-def parameter_verdicts(body: BodyEstimate, prior_sigma: FloatArray, reason: str) -> Words:
+def usable(reasons: Sequence[str]) -> bool:
+    """Return whether measured parameters are of use alone, in spite of these reasons."""
+    return HARMLESS.issuperset(reasons)
+
+
+def parameter_verdicts(
+    body: BodyEstimate, prior_sigma: FloatArray, reasons: Sequence[str]
+) -> Words:
     """Return a word for the mass, each coordinate of the centre of mass, each element of inertia.
 
     Unbounded: 1 sigma is larger than the parameter's own size (the mass, the radius of gyration,
     the mean moment of inertia). Prior-dominated: the data say less than the prior did. Not valid:
-    the model does not fit, or the estimate has not settled, so that no parameter is of use.
+    a check other than that of the excitation has failed, so that no parameter is of use.
 
     Parameters
     ----------
     prior_sigma : (10,) of mass, centre of mass, inertia
-    reason : why the estimate is invalid; empty: the estimate is valid
+    reasons : why the estimate is invalid; empty: the estimate is valid
     """
     sigma = np.concatenate(
         [[body.mass_sigma_kg], body.com_sigma_m, body.inertia_sigma_kg_m2], dtype=np.float64
     )
-    if reason not in USABLE:
+    if not usable(reasons):
         return _grouped([INVALID] * len(NAMES))
     return predicted_verdicts(body.mass_kg, body.inertia_kg_m2, sigma, prior_sigma)
 

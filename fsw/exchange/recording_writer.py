@@ -23,6 +23,7 @@ _SCHEMAS: dict[str, dict[str, str]] = {  # without `covariance`: Foxglove reads 
         "t_ns": "integer",
         "valid": "boolean",
         "reason": "string",
+        "reasons": "strings",
         "method": "string",
         "names": "strings",
         "mean": "numbers",

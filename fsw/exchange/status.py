@@ -58,6 +58,7 @@ def estimate_summary(estimate: Estimate | None) -> dict[str, Any] | None:
         "t_ns": estimate.t_ns,
         "valid": estimate.valid,
         "reason": estimate.reason,
+        "reasons": list(estimate.reasons),
         "method": estimate.method,
         "blocks": estimate.blocks,
         "gated": estimate.gated,

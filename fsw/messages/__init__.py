@@ -223,8 +223,7 @@ class Estimate:
     """A published estimate: the mean always comes with its covariance and validity."""
 
     t_ns: int
-    valid: bool
-    reason: str  # why not valid; empty when valid
+    reasons: tuple[str, ...]  # why not valid, the most severe first; empty when valid
     method: str
     names: tuple[str, ...]  # one name per state
     mean: FloatArray  # (p,) estimation coordinates: 10 per unknown body, then nuisances
@@ -238,6 +237,16 @@ class Estimate:
     information_gained_nats: float  # 1/2 log det(prior cov) - 1/2 log det(cov), unknown bodies
     whole: BodyEstimate | None = None  # all bodies together at the current posture, in B
     extra: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def valid(self) -> bool:
+        """Whether the estimate may be used."""
+        return not self.reasons
+
+    @property
+    def reason(self) -> str:
+        """The most severe reason why the estimate is not valid; empty when valid."""
+        return next(iter(self.reasons), "")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from fsw.config import Config
-from fsw.estimators.parameter_verdicts import USABLE
+from fsw.estimators.parameter_verdicts import usable
 from fsw.messages import Estimate
 from fsw.messages.commands import (
     JOBS,
@@ -149,8 +149,8 @@ class BatchJobs:
             raise CommandError(Code.NOT_SUPPORTED, text)
         if estimate is None or not estimate.bodies:
             raise CommandError(Code.NO_RESULT, "no estimate has been published yet")
-        if estimate.reason not in USABLE:
-            text = f"the estimate is not usable: {estimate.reason}"
+        if not usable(estimate.reasons):
+            text = f"the estimate is not usable: {', '.join(estimate.reasons)}"
             raise CommandError(Code.NO_RESULT, text)
         taken = {path.name for path in self._plans.glob("plan_*.yaml")}
         name = next(name for k in count(1) if (name := f"plan_{k:04d}.yaml") not in taken)

@@ -171,8 +171,7 @@ def make_block(index: int, joints: int = 3, nodes: int = 4) -> Block:
 def make_estimate(t_ns: int, blocks: int = 1, mass_kg: float = 80.0) -> Estimate:
     return Estimate(
         t_ns=t_ns,
-        valid=True,
-        reason="",
+        reasons=(),
         method="fake",
         names=("m",),
         mean=np.array([mass_kg]),

@@ -30,18 +30,17 @@ def view(collected: Collected) -> View:
     unknown = " and ".join(result.unknown)
     if status is None:
         estimate = result.estimate
-        valid = estimate is not None and estimate.valid
-        reason = "no window could be used" if estimate is None else estimate.reason
+        reasons = ("no window could be used",) if estimate is None else estimate.reasons
         title, until = collected.name, ""
     else:
-        newest = status.get("estimate") or {"valid": False, "reason": "no window yet"}
-        valid, reason = bool(newest["valid"]), str(newest["reason"])
+        newest = status.get("estimate") or {"reasons": ["no window yet"]}
+        reasons = tuple(newest["reasons"])
         elapsed_s = (int(status["t_ns"]) - result.start_ns) * 1e-9
         title, until = f"{collected.config.name}, live", f" after {elapsed_s:.0f} s"
         sections.insert(0, now(status, closed=not result.truncated))
     return View(
         title=f"{title}: {unknown} by {result.method}",
-        verdict=("VALID" if valid else f"NOT VALID: {reason}") + until,
-        valid=valid,
+        verdict=(f"NOT VALID: {', '.join(reasons)}" if reasons else "VALID") + until,
+        valid=not reasons,
         sections=sections,
     )

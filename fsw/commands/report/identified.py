@@ -63,10 +63,10 @@ def write_identified(
     return paths
 
 
-def judged(status: str, held_out_passed: bool | None) -> tuple[bool, str]:
+def judged(reasons: Sequence[str], held_out_passed: bool | None) -> tuple[bool, str]:
     """Return validity and headline of a batch result; `held_out_passed` None: none held out."""
-    valid = status == "OK" and held_out_passed is not False
-    words = [] if status == "OK" else [status]
+    valid = not reasons and held_out_passed is not False
+    words = list(reasons)
     if held_out_passed is not None:
         words.append(f"held-out windows {'PASSED' if held_out_passed else 'FAILED'}")
     return valid, f"{'VALID' if valid else 'NOT VALID'}{': ' * bool(words)}{', '.join(words)}"
@@ -75,7 +75,7 @@ def judged(status: str, held_out_passed: bool | None) -> tuple[bool, str]:
 def view(values: Mapping[str, Any], collected: Collected, recursive: Sequence[Estimate]) -> View:
     """Return the page of a batch result; `recursive`: estimates of the replay of its windows."""
     holdout = values.get("holdout")
-    valid, verdict = judged(values["status"], None if holdout is None else holdout["passed"])
+    valid, verdict = judged(values["reasons"], None if holdout is None else holdout["passed"])
     result = estimates.result(collected)
     noise = noise_text(values)
     told = [*result.text, *noise, *([values["note"]] if values["note"] else [])]
@@ -114,11 +114,9 @@ def _held_out(holdout: Mapping[str, Any]) -> Section:
 def _estimate(values: Mapping[str, Any], evidence: Evidence) -> Estimate:
     """Return the batch result in the form that the online estimator publishes."""
     last = evidence.blocks[-1]
-    is_valid = values["status"] == "OK"
     return Estimate(
         t_ns=int(last.t_ns[-1]),
-        valid=is_valid,
-        reason="" if is_valid else values["status"],
+        reasons=tuple(values["reasons"]),
         method=values["method"],
         names=tuple(values["names"]),
         mean=np.array(values["mean"]),

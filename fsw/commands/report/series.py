@@ -45,7 +45,8 @@ SCHEMA = {
             ),
             "body": TEXT,
             "valid": {"type": "boolean"},
-            "reason": TEXT | {"description": "why not valid; empty when valid"},
+            "reason": TEXT
+            | {"description": "why not valid, the most severe first; empty when valid"},
             "inertia": _INERTIA,
             "covariance": {
                 "type": "array",
@@ -97,7 +98,7 @@ def _body(estimate: Estimate, name: str) -> Body:
             "names": estimate.names,
             "covariance": estimate.covariance,
             "valid": estimate.valid,
-            "reason": estimate.reason,
+            "reason": ", ".join(estimate.reasons),
         },
         name,
     )

@@ -34,7 +34,7 @@ def tables(collected: Collected) -> dict[str, Table]:
     head = ["t_s", "valid", "reason", "nis", "nis_dof"]
     head += [*bodies, *(f"{name}_sigma" for name in bodies)]
     rows = [
-        [seconds(e.t_ns), int(e.valid), e.reason, e.nis, e.nis_dof]
+        [seconds(e.t_ns), int(e.valid), ", ".join(e.reasons), e.nis, e.nis_dof]
         + [x for b in e.bodies.values() for x in _flat(body_values(b).values())]
         + [x for b in e.bodies.values() for x in _flat(body_sigma(b).values())]
         for e in collected.estimates

@@ -27,7 +27,7 @@ def message(body: Body, t_ns: int = 0) -> dict[str, Any]:
         "header": {"stamp": stamp, "frame_id": body.frame},
         "body": body.name,
         "valid": body.valid,
-        "reason": body.reason,
+        "reason": ", ".join(body.reasons),
         "inertia": inertia(body.values()),
         "covariance": body.covariance.ravel().tolist(),
     }

@@ -34,7 +34,9 @@ def guesses(estimates: Sequence[Estimate], name: str, start_ns: int) -> list[Gue
         covariance = com_covariance(e.mean[places], e.covariance[np.ix_(places, places)])
         t_s = (e.t_ns - start_ns) * 1e-9
         body = e.bodies[name]
-        found.append(Guess(t_s=t_s, body=body, covariance_m2=covariance, reason=e.reason))
+        found.append(
+            Guess(t_s=t_s, body=body, covariance_m2=covariance, reason=", ".join(e.reasons))
+        )
     return found
 
 

@@ -103,7 +103,12 @@ def _recording(
         x[problem.body(name)] = parameters(last.bodies[name])
     motion = recorded(blocks, problem, problem.pi(x), result.start_ns)
     known = {name: guesses(sink.estimates, name, result.start_ns) for name in problem.unknown}
-    return problem, motion, known, "VALID" if last.valid else f"NOT VALID: {last.reason}"
+    return (
+        problem,
+        motion,
+        known,
+        "VALID" if last.valid else f"NOT VALID: {', '.join(last.reasons)}",
+    )
 
 
 def _plan(path: Path, config: Config) -> tuple[Problem, Motion, dict[str, list[Guess]], str]:

@@ -20,13 +20,13 @@ def diagnose_batch(
     covariance: FloatArray,
     bodies: Mapping[str, BodyEstimate],
     level: float = 1.0,
-    status: str = "OK",
+    reasons: Sequence[str] = (),
 ) -> dict[str, Any] | None:
     """Return the diagnosis of a batch estimate as plain values; None without a proper covariance.
 
     `fused` are the rows of all sensors at the estimate, empty if they cannot be computed;
-    `residuals` are the method's whitened residuals, block by block; a `status` other than OK is
-    named in the verdict.
+    `residuals` are the method's whitened residuals, block by block; the verdict names the
+    `reasons` why the estimate is not valid.
 
     The Cramer-Rao bound is that of all sensors: the Fisher information of the fused rows at the
     estimate, for a noise variance `level` times the declared. So a method that does not use all
@@ -48,7 +48,7 @@ def diagnose_batch(
             mean=mean[k],
             covariance=covariance[np.ix_(k, k)],
             bodies=dict(bodies),
-            reason="" if status == "OK" else status,
+            reasons=reasons,
             duration_s=int(blocks[-1].t_ns[-1] - blocks[0].t_ns[0]) * 1e-9,
             bound=least[np.ix_(k, k)],
         )

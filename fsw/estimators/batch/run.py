@@ -3,9 +3,9 @@
 Invalid and repeated blocks are left out first. Blocks whose residuals noise does not explain are
 left out next, and the rest is solved again; sigmas follow the residuals where these are clearly
 above the declared noise. A group of the prior that the data contradict is widened. If it is a
-sensor, a known body or a mounting, if the residuals are larger still, or if they drift, the status
-is MODEL_MISMATCH. The paper's regressions are compared with the errors in variables on the same
-blocks, and their sigma includes the distance.
+sensor, a known body or a mounting, if the residuals are larger still, or if they drift, the model
+does not fit. Every reason against the result is kept. The paper's regressions are compared with the
+errors in variables on the same blocks, and their sigma includes the distance.
 """
 
 from collections.abc import Callable, Sequence
@@ -38,7 +38,7 @@ from fsw.estimators.model.problem import IMPLAUSIBLE, Problem
 from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.plausible import plausible
 from fsw.estimators.publish import body_estimate, whole_estimate
-from fsw.estimators.recursive.change import MISMATCH_LEVEL
+from fsw.estimators.reasons import Failed, is_displaced, reasons
 from fsw.estimators.recursive.prior_groups import Widened, in_words, widen
 from fsw.estimators.sensor_noise import SensorNoise
 from fsw.messages import Block, BodyEstimate, FloatArray
@@ -66,7 +66,7 @@ class _Found:
 
     problem: Problem  # with the prior of this solution
     solution: BatchSolution
-    status: str
+    failed: Failed  # checks; those of the number of blocks and of possible bodies are left to do
     mean: FloatArray  # (p,)
     covariance: FloatArray  # (p, p)
     note: str
@@ -167,21 +167,30 @@ def _run(
         fused = []
     if keep is not None:
         keep(problem, found.mean, covariance, fused)
-    bodies = {
-        name: body_estimate(problem, name, found.mean, covariance)[0] for name in problem.unknown
-    }
+    made = {name: body_estimate(problem, name, found.mean, covariance) for name in problem.unknown}
+    bodies = {name: body for name, (body, _) in made.items()}
+    condition = found.solution.information.scaled_condition_number()
+    against = reasons(
+        replace(
+            found.failed,
+            few_blocks=len(found.used) < settings.settle_blocks,
+            displaced=is_displaced([distance for _, distance in made.values()]),
+            not_excited=found.failed.not_excited or condition > settings.condition_limit,
+        )
+    )
     whole = whole_estimate(problem, found.mean, covariance, found.used[-1].q_rad[-1])
     return {
         "method": method,
         "unknown": list(problem.unknown),
-        "status": found.status,
+        "status": next(iter(against), "OK"),
+        "reasons": list(against),
         "biased": found.biased,
         "note": found.note,
         "iterations": found.solution.iterations,
         "cost": found.solution.cost,
         "rows": found.solution.rows,
         "gated": len(blocks) - len(found.used),
-        "condition_number": found.solution.information.scaled_condition_number(),
+        "condition_number": condition,
         "duration_s": len(found.used) * config.estimator.window_s,
         "names": [problem.names[k] for k in problem.published],
         "mean": found.mean[problem.published].tolist(),
@@ -201,7 +210,7 @@ def _run(
             covariance,
             bodies,
             found.level,
-            found.status,
+            against,
         ),
     }
 
@@ -263,25 +272,28 @@ def _likelihood(
         problem, start = replace(problem, prior_covariance=wider), solution.mean
     doubted = contradicted or any(group.of_model for group in conflicts)
     implausible = stated.least_plausible(solution.mean)[1] > IMPLAUSIBLE
-    status = solution.status
+    not_excited = solution.status == "INSUFFICIENT_EXCITATION"
     covariance, note = linear_covariance(problem, method, "eiv", solution)
-    if method in CURVED and status in SETTLED:
+    if method in CURVED and solution.status in SETTLED:
         looked = straighten(problem, settled.target, solution)
         covariance, note = looked.covariance, looked.note
-        status = status if looked.bounded else "INSUFFICIENT_EXCITATION"
+        not_excited = not_excited or not looked.bounded
     notes = (
         note,
         solution.note,
         in_words(conflicts),
         stated.suspicion(solution.mean).removeprefix("; "),
     )
-    wrong = settled.mismatch or doubted or implausible
-    # no sensor has so much noise: errors of the model count as noise and hide the excitation
-    drowned = settled.level > MISMATCH_LEVEL and status == "INSUFFICIENT_EXCITATION"
     return _Found(
         problem=problem,
         solution=solution,
-        status="MODEL_MISMATCH" if drowned or (status == "OK" and wrong) else status,
+        failed=Failed(
+            aborted=solution.status == "ABORTED",
+            not_converged=solution.status == "NOT_CONVERGED",
+            mismatch=settled.mismatch or doubted or implausible,
+            prior_conflict=contradicted,
+            not_excited=not_excited,
+        ),
         mean=solution.mean,
         covariance=covariance,
         note="; ".join(filter(None, notes)),
@@ -330,11 +342,11 @@ def _regression(
         solution = regress(problem, Target(linear))
         mean = solution.mean
     bias = mean - x
-    failed = solution.status == "NOT_CONVERGED"
+    failed = replace(near.failed, not_converged=solution.status == "NOT_CONVERGED")
     return replace(
         near,
         solution=solution,
-        status=solution.status if failed else near.status,
+        failed=failed,
         mean=mean,
         residuals=[part.b for part in linear(mean)],
         covariance=near.covariance + np.outer(bias, bias),

@@ -15,6 +15,7 @@ from fsw.estimators.measurement.compensated import (
 )
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.plausible import plausible
+from fsw.estimators.reasons import Failed
 from fsw.estimators.recursive.outcome import outcome
 from fsw.estimators.recursive.snapshot import Values, check_fit, kept, put
 from fsw.messages import Block, Estimate, FloatArray
@@ -117,8 +118,10 @@ class BiasCompensatedEstimator:
             covariance=estimate.covariance,
             bodies=estimate.bodies,
             duration_s=(span[1] - span[0]) * 1e-9,
+            reasons=estimate.reasons,
         )
         words = {"valid": estimate.valid, "reason": estimate.reason, "blocks": self._blocks}
+        words["reasons"] = list(estimate.reasons)
         return words | plain(diagnosis, self._problem.names)
 
     def estimate(self, t_ns: int) -> Estimate:
@@ -134,18 +137,17 @@ class BiasCompensatedEstimator:
     def _outcome(self, t_ns: int) -> Estimate:
         scale = np.sqrt(np.diag(self._covariance))
         condition = float(np.sqrt(np.linalg.cond(self._covariance / np.outer(scale, scale))))
-        reason = ""
-        if self._blocks < self._settings.settle_blocks:
-            reason = "TOO_FEW_BLOCKS"
-        elif not self._solved or condition > self._settings.condition_limit:
-            reason = "INSUFFICIENT_EXCITATION"
+        failed = Failed(
+            few_blocks=self._blocks < self._settings.settle_blocks,
+            not_excited=not self._solved or condition > self._settings.condition_limit,
+        )
         removed = float(np.sqrt(np.mean((self._bias / scale) ** 2)))
         return outcome(
             self._problem,
             self._settings.method,
             self._x,
             self._covariance,
-            reason=reason,
+            failed=failed,
             t_ns=t_ns,
             q_rad=self._q_rad,
             blocks=self._blocks,

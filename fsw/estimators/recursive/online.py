@@ -19,6 +19,7 @@ from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.mobility import by_mobility, is_bent
 from fsw.estimators.model.problem import IMPLAUSIBLE, Problem
 from fsw.estimators.model.robot import RobotModel
+from fsw.estimators.reasons import Failed
 from fsw.estimators.recursive.bias_compensated import BiasCompensatedEstimator
 from fsw.estimators.recursive.isolation import ChannelScreen
 from fsw.estimators.recursive.outcome import WEAKEST_GAIN, outcome, weakest_gain
@@ -208,7 +209,7 @@ class OnlineEstimator:
                 covariance=estimate.covariance,
                 bodies=estimate.bodies,
                 duration_s=recursion.duration_s,
-                reason=estimate.reason,
+                reasons=estimate.reasons,
             )
         except NUMERICAL as error:
             raise EstimatorError("the covariance is not positive definite") from error
@@ -216,6 +217,7 @@ class OnlineEstimator:
         return {
             "valid": estimate.valid,
             "reason": estimate.reason,
+            "reasons": list(estimate.reasons),
             "duration_s": recursion.duration_s,
             "blocks": recursion.blocks,
             "innovation_lag1": {"correlation": correlation, "bound": bound},
@@ -243,11 +245,10 @@ class OnlineEstimator:
         recursion, monitor = self.recursion, self.recursion.monitor
         information = recursion.memory.tempered(monitor.level)
         covariance = information.covariance()
-        enough = True
+        weak = False
         if self.linear:  # data that fit exactly, as at rest without noise, scale sigma to 0
-            enough = (
-                weakest_gain(self.problem, recursion.origin.covariance, covariance) > WEAKEST_GAIN
-            )
+            prior = recursion.origin.covariance
+            weak = weakest_gain(self.problem, prior, covariance) <= WEAKEST_GAIN
             covariance = covariance * recursion.residual_variance()
         condition = information.scaled_condition_number()
         if recursion.blocks and self._bent:
@@ -271,7 +272,7 @@ class OnlineEstimator:
             self._settings.method,
             recursion.x,
             covariance,
-            reason=self._reason(condition) or ("" if enough else "INSUFFICIENT_EXCITATION"),
+            failed=self._failed(weak=weak or condition > self._settings.condition_limit),
             t_ns=t_ns,
             q_rad=recursion.q_rad,
             blocks=recursion.blocks,
@@ -297,20 +298,20 @@ class OnlineEstimator:
             return covariance
         return mapped.covariance if mapped.holds and mapped.bent else covariance
 
-    def _reason(self, condition: float) -> str:
+    def _failed(self, *, weak: bool) -> Failed:
+        """Return the checks that failed; `weak`: the motion shows too little."""
         recursion, trust = self.recursion, self.recursion.trust
-        few = "REOPENED" if recursion.changes else "TOO_FEW_BLOCKS"
-        against = (
-            (self.rival is not None, "REOPENED"),
-            (recursion.since < self._settings.settle_blocks, few),
-            (not recursion.pacing.settled, "NOT_CONVERGED"),
-            (trust.mismatch(recursion.monitor.level), "MODEL_MISMATCH"),
-            (self.problem.least_plausible(recursion.x)[1] > IMPLAUSIBLE, "MODEL_MISMATCH"),
-            (trust.is_doubtful(recursion.since) and recursion.changes > 0, "REOPENED"),
-            (trust.is_doubtful(recursion.since) or recursion.conflict, "PRIOR_CONFLICT"),
-            (condition > self._settings.condition_limit, "INSUFFICIENT_EXCITATION"),
+        few = recursion.since < self._settings.settle_blocks
+        doubtful, changed = trust.is_doubtful(recursion.since), recursion.changes > 0
+        implausible = self.problem.least_plausible(recursion.x)[1] > IMPLAUSIBLE
+        return Failed(
+            few_blocks=few and not changed,
+            reopened=((few or doubtful) and changed) or self.rival is not None,
+            not_converged=not recursion.pacing.settled,
+            mismatch=trust.mismatch(recursion.monitor.level) or implausible,
+            prior_conflict=recursion.conflict or (doubtful and not changed),
+            not_excited=weak,
         )
-        return next((reason for holds, reason in against if holds), "")
 
     def _now_ns(self) -> int:
         span_ns = self.recursion.span_ns

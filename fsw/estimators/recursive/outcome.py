@@ -1,16 +1,15 @@
 """Conversion of state and covariance to the published estimate, for all recursive estimators."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from fsw.estimators.diagnosis import gains
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.publish import body_estimate, whole_estimate
-from fsw.false_alarms import sigmas
+from fsw.estimators.reasons import Failed, is_displaced, reasons
 from fsw.messages import Estimate, FloatArray
 
-# squared distance, whitened, of a body from the consistent ones; noise moves a body at their border
-# out of them along one direction
-INCONSISTENT = sigmas("consistency") ** 2
 WEAKEST_GAIN = 0.5  # least information of data over prior, in any combination of body parameters
 
 
@@ -26,7 +25,7 @@ def outcome(
     x: FloatArray,
     covariance: FloatArray,
     *,
-    reason: str,
+    failed: Failed,
     t_ns: int,
     q_rad: FloatArray | None,
     blocks: int,
@@ -41,8 +40,7 @@ def outcome(
 
     Liquid in an unknown body widens the published covariance only, not the checks of excitation.
 
-    If `reason` is empty, it is set here when the excitation was too little, or when noise does not
-    explain how far a body had to be moved to be physically possible.
+    The checks of excitation and of physically possible bodies are added to the `failed` ones.
 
     `prior` (p, p) is the covariance that the data started from; None: the problem's.
 
@@ -51,14 +49,14 @@ def outcome(
     numpy.linalg.LinAlgError if the covariance is not positive definite.
     """
     prior = problem.prior_covariance if prior is None else prior
-    if not reason and weakest_gain(problem, prior, covariance) < WEAKEST_GAIN:
-        reason = "INSUFFICIENT_EXCITATION"
+    weak = weakest_gain(problem, prior, covariance) < WEAKEST_GAIN
     covariance = covariance + problem.liquid
-    bodies = {}
-    for name in problem.unknown:
-        bodies[name], distance = body_estimate(problem, name, x, covariance)
-        if not reason and distance > INCONSISTENT:
-            reason = "NOT_CONSISTENT"
+    found = {name: body_estimate(problem, name, x, covariance) for name in problem.unknown}
+    failed = replace(
+        failed,
+        not_excited=failed.not_excited or weak,
+        displaced=is_displaced([distance for _, distance in found.values()]),
+    )
     whole = None if q_rad is None else whole_estimate(problem, x, covariance, q_rad)
     k, shown = problem.bodies, problem.published
     gained = 0.5 * (
@@ -67,13 +65,12 @@ def outcome(
     )
     return Estimate(
         t_ns=t_ns,
-        valid=not reason,
-        reason=reason,
+        reasons=reasons(failed),
         method=method,
         names=tuple(problem.names[i] for i in shown),
         mean=x[shown],
         covariance=covariance[np.ix_(shown, shown)],
-        bodies=bodies,
+        bodies={name: body for name, (body, _) in found.items()},
         blocks=blocks,
         gated=gated,
         nis=nis,

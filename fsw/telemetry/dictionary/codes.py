@@ -164,6 +164,9 @@ RESULT_STATUS = Enumeration(
         3: "INSUFFICIENT_EXCITATION",
         4: "ABORTED",
         5: "MODEL_MISMATCH",
+        6: "TOO_FEW_BLOCKS",
+        7: "PRIOR_CONFLICT",
+        8: "NOT_CONSISTENT",
         255: "OTHER",
     },
 )

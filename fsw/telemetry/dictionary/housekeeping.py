@@ -103,6 +103,9 @@ def _motor(joint: int) -> tuple[Field, ...]:
     )
 
 
+REASONS_DOC = "every reason why not valid; bits as the values of `reason`: " + ", ".join(
+    f"{bit} {label}" for bit, label in REASON.labels.items() if 0 < bit < 16
+)
 HEALTH_DOC = "latched health word, 0 healthy; bits: " + ", ".join(
     f"{bit.value} {bit.name.lower().replace('_', ' ')}" for bit in Health
 )
@@ -156,11 +159,12 @@ ESTIMATE_FIELDS = (
     choice(
         "reason",
         REASON,
-        "why not valid",
+        "the most severe reason why not valid",
         MODEL_MISMATCH=RED,
         PRIOR_CONFLICT=YELLOW,
         NOT_CONSISTENT=RED,
     ),
+    number("reasons", Type.U16, doc=REASONS_DOC),
     choice("method", METHOD),
     choice("unknown", UNKNOWN),
     *counters("blocks", "gated", "changes", "ignored"),
@@ -244,7 +248,11 @@ JOB_FIELDS = (
         NOT_CONVERGED=YELLOW,
         INSUFFICIENT_EXCITATION=YELLOW,
         MODEL_MISMATCH=RED,
+        TOO_FEW_BLOCKS=YELLOW,
+        PRIOR_CONFLICT=YELLOW,
+        NOT_CONSISTENT=RED,
     ),
+    number("result_reasons", Type.U16, doc=REASONS_DOC),
     number("cost", Type.F64, doc="sum of squared whitened residuals"),
     number("condition_number", Type.F64),
     number("duration_s", Type.F64, "s", "of the data used"),

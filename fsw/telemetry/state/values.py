@@ -127,6 +127,12 @@ def _labelled(enumeration: Enumeration, label: str, fallback: int) -> int:
         return fallback
 
 
+def reason_bits(reasons: Sequence[str]) -> int:
+    """Return the bits of the reasons that have a value in the dictionary."""
+    numbers = {_labelled(REASON, reason, OTHER) for reason in reasons} - {OTHER}
+    return sum(1 << number for number in numbers)
+
+
 def estimate_values(
     estimate: Estimate | None,
     now_ns: int,
@@ -153,6 +159,7 @@ def estimate_values(
         "age_s": max(0.0, (now_ns - estimate.t_ns) * 1e-9),
         "valid": estimate.valid,
         "reason": 0 if estimate.valid else _labelled(REASON, estimate.reason, OTHER),
+        "reasons": reason_bits(estimate.reasons),
         "method": _labelled(METHOD, estimate.method, 0),
         "unknown": unknown_number(tuple(estimate.bodies)),
         "blocks": estimate.blocks,
@@ -187,7 +194,9 @@ def _no_estimate() -> Values:
     values: Values = dict.fromkeys(words.split(), 0)
     for body in (*BODIES, "whole"):
         values |= body_values(body, None)
-    return values | {"reason": REASON.value("NO_ESTIMATE")} | _nuisances({}, ())
+    none = "NO_ESTIMATE"
+    values |= {"reason": REASON.value(none), "reasons": reason_bits([none])}
+    return values | _nuisances({}, ())
 
 
 def covariance_values(estimate: Estimate | None) -> Values:
@@ -225,6 +234,7 @@ def job_values(job: Mapping[str, Any] | None, method: str, unknown: Sequence[str
         "unknown": unknown_number(result.get("unknown", unknown))
         if job
         else UNKNOWN.value("CONFIGURED"),
+        "result_reasons": reason_bits(result.get("reasons", ())),
         "result_status": _labelled(RESULT_STATUS, str(result.get("status", "none")), OTHER),
         "cost": result.get("cost", 0.0),
         "condition_number": result.get("condition_number", 0.0),

@@ -40,21 +40,28 @@ PRIOR = np.array([0.25, *[0.05] * 3, *[4e-3] * 6])
 )
 def test_light_payload(inertia_sigma: float, prior_sigma: float, word: str) -> None:
     prior = np.concatenate([PRIOR[:4], np.full(6, prior_sigma)])
-    words = parameter_verdicts(payload(inertia_sigma), prior, "INSUFFICIENT_EXCITATION")
+    words = parameter_verdicts(payload(inertia_sigma), prior, ["INSUFFICIENT_EXCITATION"])
     assert words == {"mass_kg": "measured", "com_m": ["measured"] * 3, "inertia_kg_m2": [word] * 6}
 
 
 @pytest.mark.parametrize("reason", ["MODEL_MISMATCH", "NOT_CONVERGED", "TOO_FEW_BLOCKS"])
 def test_of_a_model_that_does_not_fit_nothing_is_of_use(reason: str) -> None:
-    words = parameter_verdicts(payload(1e-3), PRIOR, reason)
+    words = parameter_verdicts(payload(1e-3), PRIOR, [reason])
     assert in_words(words) == "every parameter not valid"
 
 
+def test_a_worse_reason_is_not_hidden_by_too_little_excitation() -> None:
+    reasons = ["MODEL_MISMATCH", "INSUFFICIENT_EXCITATION"]
+    assert (
+        in_words(parameter_verdicts(payload(1e-3), PRIOR, reasons)) == "every parameter not valid"
+    )
+
+
 def test_sigma_that_is_no_number_is_unbounded() -> None:
-    assert parameter_verdicts(payload(np.nan), PRIOR, "")["inertia_kg_m2"] == ["unbounded"] * 6
+    assert parameter_verdicts(payload(np.nan), PRIOR, [])["inertia_kg_m2"] == ["unbounded"] * 6
 
 
-def diagnosis(reason: str, inertia_sigma: float = 3.9e-3) -> dict[str, Any]:
+def diagnosis(*reasons: str, inertia_sigma: float = 3.9e-3) -> dict[str, Any]:
     mean = to_parameters(MASS, COM, INERTIA)
     back = np.linalg.solve(report_jacobian(mean), np.eye(10))
     after = np.array([0.005, *[2e-3] * 3, *[inertia_sigma] * 6])
@@ -67,7 +74,7 @@ def diagnosis(reason: str, inertia_sigma: float = 3.9e-3) -> dict[str, Any]:
         covariance=back @ np.diag(after**2) @ back.T,
         bodies={"target": payload(inertia_sigma)},
         duration_s=60.0,
-        reason=reason,
+        reasons=reasons,
     )
     return plain(found, names)
 

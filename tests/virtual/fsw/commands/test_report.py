@@ -202,7 +202,7 @@ def test_a_batch_result_has_a_page_with_its_held_out_windows_and_its_own_residua
     result = json.loads(capsys.readouterr().out)
     text = out.read_text(encoding="utf-8")
     passed = result["holdout"]["passed"]
-    verdict = judged(result["status"], passed)[1]
+    verdict = judged(result["reasons"], passed)[1]
     assert f'class="{"valid" if code == 0 else ""}">{verdict}</div>' in text
     assert text.index(verdict) < text.index("<h2>")
     (row,) = rows_of(out, "estimate")

@@ -6,14 +6,20 @@ from fsw.commands.report.identified import judged
 
 
 @pytest.mark.parametrize(
-    ("status", "passed", "valid", "headline"),
+    ("reasons", "passed", "valid", "headline"),
     [
-        ("OK", None, True, "VALID"),
-        ("OK", True, True, "VALID: held-out windows PASSED"),
-        ("OK", False, False, "NOT VALID: held-out windows FAILED"),
-        ("NOT_CONVERGED", None, False, "NOT VALID: NOT_CONVERGED"),
-        ("NOT_CONVERGED", True, False, "NOT VALID: NOT_CONVERGED, held-out windows PASSED"),
+        ((), None, True, "VALID"),
+        ((), True, True, "VALID: held-out windows PASSED"),
+        ((), False, False, "NOT VALID: held-out windows FAILED"),
+        (("NOT_CONVERGED",), None, False, "NOT VALID: NOT_CONVERGED"),
+        (("NOT_CONVERGED",), True, False, "NOT VALID: NOT_CONVERGED, held-out windows PASSED"),
+        (
+            ("NOT_CONVERGED", "TOO_FEW_BLOCKS"),
+            None,
+            False,
+            "NOT VALID: NOT_CONVERGED, TOO_FEW_BLOCKS",
+        ),
     ],
 )
-def test_the_headline_says_what_the_page_is_marked_as(status, passed, valid, headline):
-    assert judged(status, passed) == (valid, headline)
+def test_the_headline_says_what_the_page_is_marked_as(reasons, passed, valid, headline):
+    assert judged(reasons, passed) == (valid, headline)

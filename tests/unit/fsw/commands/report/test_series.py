@@ -47,8 +47,7 @@ def estimate(t_ns, nis):
         )
     return Estimate(
         t_ns=t_ns,
-        valid=t_ns == END_NS,
-        reason="" if t_ns == END_NS else "TOO_FEW_BLOCKS",
+        reasons=() if t_ns == END_NS else ("TOO_FEW_BLOCKS",),
         method="fused",
         names=tuple(names),
         mean=np.concatenate([[0.0], *pi.values()]),
