@@ -115,7 +115,7 @@ def _solved(
             "no figures: no offset, scale, bias, mounting or delay explains these residuals; "
             "`fsw check CONFIG RECORDING` looks for other mistakes"
         )
-    return solution.mean, solution.information.covariance()
+    return solution.mean, settled.covariance
 
 
 def _later(config: Config, problem: Problem, mean: FloatArray, covariance: FloatArray) -> Config:

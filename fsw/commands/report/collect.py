@@ -98,9 +98,7 @@ def state_of(estimator: object) -> State | None:
     """
     if not isinstance(estimator, OnlineEstimator):
         return None
-    recursion = estimator.recursion
-    covariance = recursion.memory.tempered(recursion.monitor.level).covariance()
-    return estimator.problem, recursion.x, covariance
+    return estimator.problem, estimator.recursion.x, estimator.recursion.covariance()
 
 
 def collected_at(

@@ -61,10 +61,11 @@ def with_reference(
     if found.mismatch or problem.least_plausible(solution.mean)[1] > IMPLAUSIBLE:
         raise EstimatorError(
             "the reference does not fit the robot without its unknown bodies: MODEL_MISMATCH"
+            + f"; {found.against}" * found.mismatch
             + problem.suspicion(solution.mean)
         )
     k = repeated(problem)
     own = np.ix_(k, k)
     mean, covariance = problem.prior_mean.copy(), problem.prior_covariance.copy()
-    mean[k], covariance[own] = solution.mean[k], solution.information.covariance()[own]
+    mean[k], covariance[own] = solution.mean[k], found.covariance[own]
     return replace(problem, prior_mean=mean, prior_covariance=covariance)

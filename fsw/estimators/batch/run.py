@@ -39,6 +39,7 @@ from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.plausible import plausible
 from fsw.estimators.publish import body_estimate, whole_estimate
 from fsw.estimators.reasons import Failed, is_displaced, reasons
+from fsw.estimators.recursive.outcome import WEAKEST_GAIN, weakest_gain
 from fsw.estimators.recursive.prior_groups import Widened, in_words, widen
 from fsw.estimators.sensor_noise import SensorNoise
 from fsw.messages import Block, BodyEstimate, FloatArray
@@ -261,7 +262,7 @@ def _likelihood(
         if solution.status == "ABORTED" or method in CURVED:
             break
         prior = problem.prior_mean, problem.prior_covariance
-        estimate = solution.mean, solution.information.covariance()
+        estimate = solution.mean, settled.covariance
         wider, found = widen(stated, prior, estimate, bodies_first=True)
         if solution.status == "NOT_CONVERGED" and any(group.of_model for group in found):
             break
@@ -272,15 +273,20 @@ def _likelihood(
         problem, start = replace(problem, prior_covariance=wider), solution.mean
     doubted = contradicted or any(group.of_model for group in conflicts)
     implausible = stated.least_plausible(solution.mean)[1] > IMPLAUSIBLE
-    not_excited = solution.status == "INSUFFICIENT_EXCITATION"
-    covariance, note = linear_covariance(problem, method, "eiv", solution)
+    known = weakest_gain(problem, problem.prior_covariance, settled.covariance)
+    weak = bool(settled.note) and known < WEAKEST_GAIN
+    not_excited = solution.status == "INSUFFICIENT_EXCITATION" or weak
+    covariance, note = linear_covariance(problem, method, "eiv", solution, settled.covariance)
     if method in CURVED and solution.status in SETTLED:
         looked = straighten(problem, settled.target, solution)
-        covariance, note = looked.covariance, looked.note
+        note = looked.note
+        covariance = looked.covariance + settled.covariance - solution.information.covariance()
         not_excited = not_excited or not looked.bounded
     notes = (
         note,
-        solution.note,
+        settled.against,
+        solution.note * (solution.note not in settled.against),
+        settled.note,
         in_words(conflicts),
         stated.suspicion(solution.mean).removeprefix("; "),
     )

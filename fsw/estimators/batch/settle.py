@@ -9,9 +9,11 @@ from scipy.special import chdtri
 
 from fsw.estimators.batch.plain import BatchSolution
 from fsw.estimators.batch.solver import Progress, Target, minimise
+from fsw.estimators.likeness import in_words
 from fsw.estimators.measurement.row_functions import Linearisation
 from fsw.estimators.model.problem import Problem
-from fsw.estimators.recursive.change import MISMATCH_LEVEL, InnovationMonitor, colour, slow_power
+from fsw.estimators.recursive.change import InnovationMonitor
+from fsw.estimators.recursive.trust import Trust
 from fsw.messages import Block, FloatArray
 
 GATE_ROUNDS = 6
@@ -28,7 +30,14 @@ class Settled:
     level: float
     used: Sequence[Block]
     residuals: Sequence[FloatArray]
-    mismatch: bool  # the residuals are not noise
+    covariance: FloatArray  # (p, p), wider where residuals are alike from block to block
+    against: str  # what noise does not explain; empty: nothing
+    note: str  # by how much the likeness of the residuals widens sigma; empty: it does not
+
+    @property
+    def mismatch(self) -> bool:
+        """Whether the residuals are not noise."""
+        return bool(self.against)
 
 
 def settle(
@@ -40,9 +49,9 @@ def settle(
     start: FloatArray | None,
 ) -> Settled:
     """Solve, leave out blocks that do not fit, and repeat until the same blocks are left out."""
-    fits, level, mismatch = [True] * len(blocks), 1.0, False
+    fits, level, before, scattered = [True] * len(blocks), 1.0, 1.0, ""
     for more in reversed(range(GATE_ROUNDS)):
-        used, target = list(compress(blocks, fits)), Target(linear, fits, level)
+        used, target, fitted = list(compress(blocks, fits)), Target(linear, fits, level), fits
         solution = minimise(problem, target, progress, start)
         residuals = [part.b for part in linear(solution.mean)]
         left = list(compress(residuals, fits))
@@ -50,26 +59,31 @@ def settle(
             break
         before, level = level, _noise_level(residuals, _fitted(problem, solution))
         limits = [level * float(chdtri(len(b), gate_probability)) for b in residuals]
-        slow, most = slow_power(left, level)
-        fitted = fits
         fits = [float(b @ b) <= limit for b, limit in zip(residuals, limits, strict=True)]
-        alike, bound = colour(left)
-        no_body = bool(solution.note) and solution.status != "NOT_CONVERGED"
-        mismatch = level > MISMATCH_LEVEL or slow > most or alike > bound or no_body
         if len(blocks) - sum(fits) > GATED_SHARE * len(blocks):
-            mismatch = True
+            scattered = f"{len(blocks) - sum(fits)} of {len(blocks)} windows do not fit the others"
             break
         if more == 0 or (fits == fitted and abs(level / before - 1.0) < LEVEL_TOLERANCE):
             break
         if solution.status != "NOT_CONVERGED":  # blocks that do not fit may have prevented it
             start = solution.mean
+    trust, white = Trust(), solution.information.covariance()
+    if level != before:  # the noise of the last residuals, not of those before
+        A, b = Target(linear, fitted, level)(solution.mean)
+        white = problem.prior.at(solution.mean).update(A, b + A @ solution.mean).covariance()
+    if solution.status != "ABORTED":
+        trust.judge(problem, list(compress(linear(solution.mean), fitted)), used, level, white)
+    covariance = trust.widened(white, len(left))
+    no_body = solution.note * (solution.status != "NOT_CONVERGED")
     return Settled(
         solution=solution,
         target=target,
         level=level,
         used=used,
         residuals=left,
-        mismatch=mismatch,
+        covariance=covariance,
+        note=in_words(white, covariance, problem.names[: problem.bodies.stop]),
+        against="; ".join(filter(None, (scattered, no_body, trust.in_words(level)))),
     )
 
 

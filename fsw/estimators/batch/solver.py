@@ -220,13 +220,19 @@ def regress(problem: Problem, target: Target) -> BatchSolution:
 
 
 def linear_covariance(
-    problem: Problem, method: str, weighting: str, solution: BatchSolution
+    problem: Problem,
+    method: str,
+    weighting: str,
+    solution: BatchSolution,
+    covariance: FloatArray | None = None,
 ) -> tuple[FloatArray, str]:
     """Return the covariance by the linearisation at the solution, and a note on it (may be empty).
 
-    For torque methods and an unknown base it is mapped from the base's mobility (see `is_bent`).
+    `covariance` is that of the linear parameters; None: as the solution's information says. For
+    torque methods and an unknown base it is mapped from the base's mobility (see `is_bent`).
     """
-    covariance = solution.information.covariance()
+    if covariance is None:
+        covariance = solution.information.covariance()
     if weighting == "eiv" and is_bent(problem, method):
         try:
             mapped = by_mobility(solution.mean, covariance, problem.body("base"))

@@ -38,6 +38,11 @@ class Rows:
     root: FloatArray | None = None  # (k, k) lower root of the noise covariance that whitens
     use: NDArray[np.bool_] | None = None  # (n + 6,) channels at each node: torque, force, rate
 
+    @property
+    def torques(self) -> int:
+        """Number of leading rows of each node that are torques; 0 where rows combine channels."""
+        return 0 if self.use is None else int(self.use[:-6].sum())
+
 
 def base_acceleration(
     block: Block | BlockStack, x: FloatArray, problem: Problem, G: FloatArray

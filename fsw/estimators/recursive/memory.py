@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fsw.estimators.measurement.impulse import Impulse
 from fsw.estimators.measurement.mrnea import Rows
@@ -52,6 +53,8 @@ class _Stored:
     after: Impulse | None
     weight: float = 1.0
     made: bool = True
+    root: FloatArray | None = None
+    use: NDArray[np.bool_] | None = None
 
     def into(self, information: SquareRootInformation) -> SquareRootInformation:
         return information.update(self.weight * self.A, self.weight * self.c)
@@ -131,6 +134,7 @@ class Memory:
         """
         c = rows.b + rows.A @ at
         stored = _Stored(block, rows.A, c, at, self.gained, rows.after, weight)
+        stored.root, stored.use = rows.root, rows.use
         self.gained = rows.after
         self.rows += len(c) if weight else 0
         self.data = stored.into(self.data)
@@ -166,6 +170,7 @@ class Memory:
                 self._failures += 1
             else:
                 stored.A, stored.c, stored.made = new.A, new.b + new.A @ self.at, True
+                stored.root, stored.use = new.root, new.use
                 # a copy, so that memory does not grow once passes have ended
                 stored.at, stored.before = self.at.copy(), self._gained_in_pass
                 stored.after = new.after
@@ -263,6 +268,7 @@ class Memory:
             made = self._rows_of(stored.block, stored.at, stored.before)
             if made is not None:
                 stored.A, stored.c = made.A, made.b + made.A @ stored.at
+                stored.root, stored.use = made.root, made.use
             stored.made = True
         return stored
 
@@ -276,6 +282,12 @@ class Memory:
         """Return the whitened residuals of every stored block, oldest first."""
         every = [self._with_rows(stored) for stored in self._store if stored.weight]
         return [stored.c - stored.A @ x for stored in every if len(stored.c)]
+
+    def rows_at(self, x: FloatArray) -> tuple[list[Rows], list[Block]]:
+        """Return rows at a state x (p,), A by the root of its weight, and the stored blocks."""
+        used = [s for s in self._store if len(s.c) and s.weight]
+        rows = [Rows(s.weight * s.A, s.c - s.A @ x, None, s.root, s.use) for s in used]
+        return rows, [s.block for s in used]
 
     def tempered(self, level: float) -> SquareRootInformation:
         """Return the information if the data's noise variance is `level` times the declared one."""

@@ -244,7 +244,7 @@ class OnlineEstimator:
     def _outcome(self, t_ns: int) -> Estimate:
         recursion, monitor = self.recursion, self.recursion.monitor
         information = recursion.memory.tempered(monitor.level)
-        covariance = information.covariance()
+        covariance = recursion.covariance()
         weak = False
         if self.linear:  # data that fit exactly, as at rest without noise, scale sigma to 0
             prior = recursion.origin.covariance

@@ -18,6 +18,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from fsw.config import EstimatorConfig
+from fsw.estimators.likeness import in_words as in_words_of_likeness
 from fsw.estimators.measurement.first_rate import at_first_rate
 from fsw.estimators.measurement.impulse import Impulse
 from fsw.estimators.measurement.mrnea import Rows
@@ -46,7 +47,7 @@ SAMPLES = 8  # stored blocks that show whether a pass is worth its time
 
 _STATE = (
     *("x", "blocks", "since", "gated", "changes", "span_ns", "q_rad", "armed", "conflict"),
-    *("_check_due", "_level_due", "_rss", "_coloured", "spared"),
+    *("_check_due", "_level_due", "_rss", "_coloured", "_alike", "spared"),
 )
 
 EventWords = tuple[str, str, str]  # severity, code, text
@@ -97,7 +98,8 @@ class Recursion:
         )
         self.q_rad: FloatArray | None = None
         self.used: Block | None = None
-        self._coloured = False  # whether NOISE_CORRELATED has been reported
+        # whether NOISE_CORRELATED has been reported of samples, and of residuals
+        self._coloured = self._alike = False
         watches = problem.watches_outside
         self.outside = OutsideWatch(problem, settings.gate_probability) if watches else None
         self._in_doubt = len(problem.published) < len(problem.names)
@@ -172,6 +174,11 @@ class Recursion:
         drained = list(self._events) + ([] if self.outside is None else self.outside.take_events())
         self._events.clear()
         return drained
+
+    def covariance(self) -> FloatArray:
+        """Return the covariance (p, p), which grows with noise level and likeness of residuals."""
+        covariance = self.memory.tempered(self.monitor.level).covariance()
+        return self.trust.widened(covariance, self.since)
 
     @property
     def duration_s(self) -> float:
@@ -447,7 +454,14 @@ class Recursion:
         monitor, known = self.monitor, self.monitor.level
         levels, dof = self.memory.residual_levels(self.x, LEVEL_BLOCKS)
         monitor.learn_level(levels, dof, self.memory.fitted() * (self.since <= LEVEL_BLOCKS))
-        self.trust.learn(self.memory.residuals(self.x), monitor.level)
+        memory, level = self.memory, monitor.level
+        white = memory.tempered(level).covariance()
+        self.trust.judge(self.problem, *memory.rows_at(self.x), level, white)
+        bodies = self.problem.names[: self.problem.bodies.stop]
+        words = in_words_of_likeness(white, self.covariance(), bodies)
+        if words and not self._alike:
+            self._events.append(("medium", "NOISE_CORRELATED", words))
+        self._alike = bool(words)
         if self.pacing.settled and monitor.level > 1.0 and known == 1.0:
             ratio = np.sqrt(monitor.level)
             text = (
@@ -469,7 +483,7 @@ class Recursion:
     def _check_prior(self) -> None:
         """Widen the groups of the prior that the data contradict; let the estimate settle again."""
         self._check_due = False
-        covariance = self.memory.tempered(self.monitor.level).covariance()
+        covariance = self.covariance()
         prior = self.origin.mean, self.origin.covariance
         widened, found = widen(self.problem, prior, (self.x, covariance))
         self.conflict = bool(found)

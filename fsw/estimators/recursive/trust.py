@@ -8,15 +8,37 @@ the re-opening, or if the last re-opening was not long ago, the new estimate mus
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Protocol
 
+import numpy as np
+
+from fsw.estimators.likeness import (
+    Likeness,
+    besides_torques,
+    lasting,
+    likeness,
+    unexplained,
+    widened,
+)
+from fsw.estimators.measurement.mrnea import Rows
+from fsw.estimators.model.problem import Problem
 from fsw.estimators.recursive.change import MISMATCH_LEVEL, colour, slow_power
 from fsw.estimators.recursive.snapshot import Values, kept, put
-from fsw.messages import FloatArray
+from fsw.messages import Block, FloatArray
 
 LASTING_BLOCKS = 4  # blocks of mismatch before a re-opening; a change of bodies is found sooner
 SUSPECT_BLOCKS = 64  # blocks that a model must fit after a mismatch before it is trusted again
-_STATE = ("slow", "colour", "suspect", "_lasting")
+REPEATS = 0.5  # of the limit of a lasting correlation: to count repetitions in vain costs little
+UNEXPLAINED = 0.05  # share of a held arm's torques that may be unmodelled friction and the like
+_STATE = ("_judged", "unexplained", "_lasting", "slow", "colour", "excess", "against", "suspect")
+
+
+class Cost(Protocol):
+    """Computes the cost of likeness; `repeats`: residuals repeat with the motion."""
+
+    def __call__(self, *, repeats: bool) -> Likeness:
+        """Return the cost."""
+        ...
 
 
 class Trust:
@@ -25,22 +47,101 @@ class Trust:
     Attributes
     ----------
     slow, colour : the residuals' slow power, and correlation between blocks, each with its limit
+    excess : (p, p) long-run covariance of the score that the residuals' likeness adds; None: white
+    unexplained : rms of the residual torques over that of the torques, on a base that is held
+    against : what neither noise nor likeness explains in the residuals; empty: nothing
     suspect : whether the model had not fitted when the estimate was re-opened, or the data have
         contradicted the prior of a sensor, a known body or a mounting
     """
 
     def __init__(self, *, suspect: bool = False) -> None:
         self.slow, self.colour = (1.0, float("inf")), (0.0, 1.0)
+        self.excess: FloatArray | None = None
+        self.against = ""
+        self.unexplained = float("inf")
+        self._judged = 0  # number of blocks
         self.suspect, self._lasting = suspect, 0  # successive blocks with a mismatch
 
-    def learn(self, residuals: Sequence[FloatArray], level: float) -> None:
-        """Judge the stored blocks' whitened residuals; `level`: noise variance over declared."""
+    def judge(
+        self,
+        problem: Problem,
+        rows: Sequence[Rows],
+        blocks: Sequence[Block],
+        level: float,
+        white: FloatArray,
+    ) -> None:
+        """Judge the rows of blocks at their estimate, oldest first.
+
+        Parameters
+        ----------
+        level : variance of the noise over the declared one
+        white : (p, p) covariance of the estimate if the residuals are white
+        """
+        residuals, nodes, is_free = [one.b for one in rows], problem.nodes, problem.is_free
+        torques = [one.torques for one in rows]
+        besides = besides_torques(residuals, torques, nodes, is_free=is_free)
+        self.unexplained = float("inf") if is_free else unexplained(rows, blocks, nodes)
+        A = [one.A for one in rows]
+
+        def cost(*, repeats: bool) -> Likeness:
+            return likeness(A, residuals, white, level, nodes, repeats=repeats)
+
+        self.learn(residuals, level, besides, cost)
+
+    def learn(
+        self,
+        residuals: Sequence[FloatArray],
+        level: float,
+        besides: Sequence[FloatArray] = (),
+        cost: Cost | None = None,
+    ) -> None:
+        """Judge whitened residuals, block by block, oldest first.
+
+        Parameters
+        ----------
+        level : variance of the noise over the declared one
+        besides : those of the rows that are no torques and therefore must be white
+        cost : computes what likeness costs; called where the residuals are alike
+        """
         self.slow, self.colour = slow_power(residuals, level), colour(residuals)
+        self.excess, self._judged = None, len(residuals)
+        self.against = ""
+        if not _beyond(self.slow, self.colour):
+            return
+        lasts, limit = lasting(residuals)
+        repeats = lasts > REPEATS * limit and not besides and cost is not None
+        if besides and _beyond(slow_power(besides, level), colour(besides)):
+            self.against = "residuals that no friction explains are alike from window to window"
+        elif abs(lasts) > limit and not repeats:
+            self.against = f"residuals half the data apart correlate by {lasts:.2f}"
+        elif cost is not None:
+            alike = cost(repeats=repeats)
+            self.excess, (found, limit) = alike.excess, alike.halves
+            if found > limit:
+                self.against = f"two halves of the data disagree: {found:.0f}, limit {limit:.0f}"
+
+    def widened(self, covariance: FloatArray, blocks: int) -> FloatArray:
+        """Return the covariance (p, p) of `blocks` blocks, wider by what their likeness costs.
+
+        The blocks that were judged show it; others cost the same each.
+        """
+        if self.excess is None:
+            return covariance
+        return widened(covariance, self.excess * (blocks / self._judged))
 
     def mismatch(self, level: float) -> bool:
-        """Return whether residuals are not noise: too large, slow, or correlated between blocks."""
-        beyond = [found > limit for found, limit in (self.slow, self.colour)]
-        return level > MISMATCH_LEVEL or any(beyond)
+        """Return whether residuals are not noise: too large, or against a correct model."""
+        return bool(self.in_words(level))
+
+    def in_words(self, level: float) -> str:
+        """Return what noise does not explain; empty: nothing."""
+        words = f"residuals are {level**0.5:.3g} times the declared noise"
+        if self.unexplained < float("inf"):
+            words += (
+                f" and {self.unexplained:.0%} of the torques: friction or rotors may be missing"
+            )
+        large = level > MISMATCH_LEVEL and self.unexplained > UNEXPLAINED
+        return "; ".join(filter(None, (words * large, self.against)))
 
     def note(self, level: float) -> None:
         """Count one more block, with or without a mismatch at this noise level."""
@@ -64,3 +165,9 @@ class Trust:
         put(self, _STATE, values)
         self.slow = (float(self.slow[0]), float(self.slow[1]))
         self.colour = (float(self.colour[0]), float(self.colour[1]))
+        self.excess = None if self.excess is None else np.asarray(self.excess, np.float64)
+
+
+def _beyond(*judged: tuple[float, float]) -> bool:
+    """Return whether one of these figures is beyond its limit."""
+    return any(found > limit for found, limit in judged)

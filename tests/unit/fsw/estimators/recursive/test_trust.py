@@ -85,5 +85,5 @@ def test_no_verdict_contradicts_valid() -> None:
     report = online.report()
     assert not report["valid"]
     assert report["verdict"]["target"] == (
-        f"target mass not identified: the estimate is not valid, {report['reason']}"
+        f"target mass not identified: the estimate is not valid, {', '.join(report['reasons'])}"
     )
