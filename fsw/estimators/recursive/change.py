@@ -68,17 +68,19 @@ def colour(residuals: Sequence[FloatArray]) -> tuple[float, float]:
     """Return the lag-1 correlation of the residuals of successive blocks, and its limit.
 
     Residuals of a correct model are white. Those of a wrong model are alike from block to block, as
-    the motion is. Fitting makes the correlation of a correct model slightly negative.
+    the motion is. Fitting makes the correlation of a correct model slightly negative. Residuals
+    smaller than the declared noise, as at rest, are compared with this noise.
 
     Parameters
     ----------
-    residuals : per block, oldest first; pairs of unlike rows are left out
+    residuals : whitened, per block, oldest first; pairs of unlike rows are left out
     """
     pairs = [(a, b) for a, b in pairwise(residuals) if len(a) == len(b)]
     power = sum(0.5 * float(a @ a + b @ b) for a, b in pairs)
-    if power == 0.0:
-        return 0.0, 1.0
     count = sum(len(a) for a, _ in pairs)
+    if count == 0:
+        return 0.0, 1.0
+    power = max(power, float(count))
     limit = max(COLOURED, COLOURED_SIGMAS / float(np.sqrt(count)))
     return sum(float(a @ b) for a, b in pairs) / power, min(1.0, limit)
 
