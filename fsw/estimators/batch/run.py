@@ -297,7 +297,7 @@ def _likelihood(
             aborted=solution.status == "ABORTED",
             not_converged=solution.status == "NOT_CONVERGED",
             mismatch=settled.mismatch or doubted or implausible,
-            prior_conflict=contradicted,
+            prior_conflict=doubted,
             not_excited=not_excited,
         ),
         mean=solution.mean,
