@@ -74,7 +74,7 @@ def settle(
     if solution.status != "ABORTED":
         trust.judge(problem, list(compress(linear(solution.mean), fitted)), used, level, white)
     covariance = trust.widened(white, len(left))
-    no_body = solution.note * (solution.status != "NOT_CONVERGED")
+    no_body = solution.note * (solution.status not in ("NOT_CONVERGED", "ABORTED"))
     return Settled(
         solution=solution,
         target=target,
