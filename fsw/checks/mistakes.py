@@ -69,7 +69,8 @@ def explain_residuals(
     config: Config, problem: Problem, blocks: Sequence[Block], progress: Callable[[str], None]
 ) -> Verdict:
     """Return the mistakes that explain large residuals; search them one after the other."""
-    usable = [block for block in blocks if np.abs(block.qd_rad_s).max() > 0.0]
+    moving = [block for block in blocks if np.abs(block.qd_rad_s).max() > 0.0]
+    usable = moving or blocks  # static poses show signs and order by weight alone
     places = np.linspace(0, len(usable) - 1, min(BLOCKS, len(usable))).round().astype(int)
     chosen = [usable[k] for k in places]
     before = level = residual_level(problem, chosen)

@@ -83,6 +83,24 @@ def _compared(
     return Finding(key=key, declared=declared_hz, found=found_hz, wrong="" if fits else words)
 
 
+def poses_count(windows: Sequence[Window]) -> int:
+    """Return the number of static poses if each window repeats the readings of one; else 0.
+
+    `fsw import` writes such recordings from tables of poses; no sensor gives them.
+    """
+    held = [
+        np.concatenate([channel.values for channel in window.joints], axis=1)
+        for window in windows
+        if window.joints
+        and all(len(channel.t_ns) for channel in window.joints)
+        and len({len(channel.t_ns) for channel in window.joints}) == 1
+    ]
+    if not held or any(np.nanmax(np.ptp(values, axis=0)) > 0.0 for values in held):
+        return 0
+    poses = np.unique([values[0] for values in held], axis=0)
+    return len(poses) if len(poses) > 1 else 0
+
+
 def noise_findings(config: Config, windows: Sequence[Window]) -> list[Finding]:
     """Return a finding for the noise of each channel, which is the residual of polynomial fits."""
     found = []

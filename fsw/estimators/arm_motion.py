@@ -13,6 +13,7 @@ from fsw.estimators.model.building import torque_model_covariance, torque_sample
 from fsw.estimators.polynomial import EXTRA_DEGREE
 from fsw.estimators.reversal import doubt
 from fsw.estimators.speed_motion import SpeedMotion
+from fsw.estimators.standstill import Standstills
 from fsw.estimators.window_fit import NO_FIT, ChannelFit, Fitted, Instants, Wanted
 from fsw.messages import FloatArray, Window
 from fsw.messages.findings import Fault
@@ -78,6 +79,7 @@ class ArmConditioner:
         self._torque_sigma = np.array([joint.torque_noise_nm for joint in joints])
         self._coulomb_nm = np.array([joint.friction_coulomb_sigma_nm for joint in joints])
         self._speed_rad_s = np.array([joint.friction_speed_rad_s for joint in joints])
+        self._standstills = Standstills(self._position_sigma)
         self._samples = torque_samples(config, order)
         self._cov_model = torque_model_covariance(config, order)
         # reversing friction deviates from the polynomial: up to 3 sigma of it is no outlier
@@ -132,12 +134,17 @@ class ArmConditioner:
     ) -> tuple[Arm | None, Removed]:
         """Return the arm from its fits, and the samples left out; None: a position is unknown."""
         n, removed = len(asked.counts), list[tuple[int, Fault, int]]()
+        readings = np.ones(n)  # samples that repeat one torque reading
         positions, torques, products = [NO_FIT] * n, [NO_FIT] * n, np.zeros((len(LAGS), n))
-        for found, own, is_motion in zip(fitted, asked.own, asked.is_motion, strict=True):
+        for found, own, is_motion, wanted in zip(
+            fitted, asked.own, asked.is_motion, asked.wanted, strict=True
+        ):
             for k, channel in zip(own, found.channels, strict=True):
                 (positions if is_motion else torques)[k] = channel
             if not is_motion:
                 products[:, own] = found.products
+                is_held = (wanted.values == wanted.values[:1]).all(axis=0)
+                readings[own] = np.where(is_held, max(len(wanted.values), 1), 1.0)
         for k, count in enumerate(asked.counts):
             removed.append((k, Fault.ENCODER_SPIKE, positions[k].removed))
             if positions[k].fit is None:
@@ -149,13 +156,14 @@ class ArmConditioner:
             tells = asked.gated and tells_of_noise(count / self._samples[k])
             if torques[k].fit is None or torques[k].removed or not tells:
                 products[:, k] = 0.0
-        return self._joined(positions, torques, products, (start_ns, stop_ns)), removed
+        return self._joined(positions, torques, products, readings, (start_ns, stop_ns)), removed
 
     def _joined(
         self,
         positions: list[ChannelFit],
         torques: list[ChannelFit],
         products: FloatArray,
+        readings: FloatArray,
         bounds_ns: tuple[int, int],
     ) -> Arm:
         m, n = self._nodes, len(positions)
@@ -164,6 +172,7 @@ class ArmConditioner:
         fits = [position.fit for position in positions if position.fit is not None]
         motion = np.concatenate([position.values for position in positions], axis=1)
         sigmas, of_speed = self._position_sigma, self.speeds.own
+        is_resting = np.zeros(n, np.bool_)
         cov_joint = np.empty((n, len(self._orders) * m, len(self._orders) * m))
         for fit in dict.fromkeys(fits):
             own = np.array([k for k in range(n) if fits[k] is fit])
@@ -175,6 +184,7 @@ class ArmConditioner:
             white = fit.whitener((1, 2)) @ motion[m:, own]
             limits = sigmas[own] ** 2 * chdtri(len(white), STILL_PROBABILITY)
             resting = own[np.sum(white**2, axis=0) <= limits]
+            is_resting[resting] = True
             motion[m:, resting] = 0.0  # a joint at rest has no rate and acceleration
         tau, cov_tau = np.zeros((m, n)), np.empty((n, m, m))
         for k, torque in enumerate(torques):
@@ -182,11 +192,13 @@ class ArmConditioner:
                 tau[:, k] = torque.values[:, 0]
         for found in {id(torque.fit): torque for torque in torques}.values():
             own = np.array([k for k in range(n) if torques[k].fit is found.fit])
-            scale = 1.0 if found.fit is None else self._torque_sigma[own, None, None] ** 2
+            variances = self._torque_sigma[own] ** 2 * readings[own]
+            scale = 1.0 if found.fit is None else variances[:, None, None]
             cov_tau[own] = scale * found.covariance((0,), 1.0, m)
         motion = motion.reshape(len(MOTION), m, n)
         if self._coulomb_nm.any():
-            ways = self._coulomb_nm * doubt(motion[1], self._speed_rad_s)
+            lasting = self._standstills.factor(motion[0].mean(axis=0), is_resting)
+            ways = lasting * self._coulomb_nm * doubt(motion[1], self._speed_rad_s)
             cov_tau += np.einsum("win,wjn->nij", ways, ways)
         if self._cov_model.any():
             cov_tau += self._cov_model

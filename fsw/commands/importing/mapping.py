@@ -122,11 +122,15 @@ class Source(Section):
 
 
 class Joints(Source):
-    """All joints; `order` names the joints in the order of the columns; None: as configured."""
+    """All joints; `order` names the joints in the order of the columns; None: as configured.
+
+    With `poses` every row is a pose at rest, and the table needs no time.
+    """
 
     order: tuple[str, ...] | None = None
     position: Angles
     torque: Torques | None = None
+    poses: bool = False
 
 
 class Imu(Source):

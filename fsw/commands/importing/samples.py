@@ -5,6 +5,7 @@ calibration and delays of the configuration, as the daemon does to received valu
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,8 +19,10 @@ from fsw.commands.importing.mapping import (
     Mapping,
     Source,
     StarTracker,
+    TimeColumn,
     Wheels,
 )
+from fsw.commands.importing.poses import Held, standstills
 from fsw.commands.importing.quantities import Field, Found, by_name, listed, part_of, within
 from fsw.commands.importing.stamps import judged
 from fsw.commands.importing.tables import Parts, Table
@@ -50,6 +53,28 @@ class _Section:
         return self._open(self.name, self._source.file if file is None else (file,))
 
 
+class _Poses(_Section):
+    """Joints in a table of static poses: every row lasts for one window."""
+
+    def __init__(
+        self, config: Config, mapping: Mapping, joints: Joints, open_table: Callable[..., Parts]
+    ) -> None:
+        others = [name for name in mapping.sections if name != "joints"]
+        if others or joints.time is not None:
+            what = others[0] if others else "joints.time"
+            raise ConfigError(f"joints.poses: poses have no time; {what} must not be mapped")
+        self.name, self.notes, self.time = "joints", [], TimeColumn(column="pose", unit="s")
+        self._source, self._open, self._rows = joints, open_table, None
+        order = joints.order or [joint.name for joint in config.joints]
+        poses = part_of(self, "joints.position", joints.position, order).finite
+        self._rows, self.stamps_s = standstills(config, poses)
+
+    def table(self, file: Path | None) -> Parts:
+        """Return the table with a row for every sample."""
+        table = super().table(file)
+        return table if self._rows is None else Held(table, self._rows)
+
+
 def sampled_channels(
     config: Config, mapping: Mapping, folder: Path, file: Path | None
 ) -> Iterator[Channel]:
@@ -76,6 +101,11 @@ def sampled_channels(
         return Parts([tables[path] for path in paths if path is not None])
 
     for name, source in mapping.sections.items():
+        if isinstance(source, Joints) and source.poses:
+            section: _Section = _Poses(config, mapping, source, open_table)
+            found = replace(found_joints(config, source, section), may_repeat=True)
+            yield _channel(section, found)
+            continue
         section = _Section(name, mapping, source, open_table)
         if isinstance(source, Joints):
             found = found_joints(config, source, section)
