@@ -1,6 +1,7 @@
 """One incoming file; it gets its final name only when it is complete."""
 
 from collections import deque
+from contextlib import suppress
 from pathlib import Path
 
 from cfdppy.defs import CfdpState
@@ -224,7 +225,8 @@ class Incoming:
     def _finish(self, condition: ConditionCode, reason: str) -> None:
         if self.outcome is not None:
             return
-        (self._directory / self._partial).unlink(missing_ok=True)
+        with suppress(OSError):  # there is none, or the disk cannot be written any more
+            (self._directory / self._partial).unlink()
         text = f"{self.name or 'unnamed'}: {reason}" if reason else self.name
         if reason and condition == ConditionCode.NO_ERROR:
             condition = ConditionCode.CANCEL_REQUEST_RECEIVED

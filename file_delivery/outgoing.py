@@ -191,4 +191,7 @@ class Outgoing:
         text = f"{self._path.name}: {reason}" if reason else self._path.name
         self.outcome = TransferOutcome(condition, text)
         if self._remove and self.outcome.is_good:
-            self._path.unlink(missing_ok=True)
+            try:
+                self._path.unlink(missing_ok=True)
+            except OSError as error:
+                self.outcome = TransferOutcome(condition, f"{text}: stays: {error.strerror}")

@@ -5,6 +5,7 @@ import os
 import selectors
 import socket
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -93,8 +94,9 @@ class ControlServer:
                 self._drop(key.data)
         self._selector.close()
         self._listener.close()
-        if self._path.exists() and self._path.stat().st_ino == self._inode:
-            self._path.unlink(missing_ok=True)
+        if not self.is_removed:
+            with suppress(OSError):
+                self._path.unlink()
 
     def _accept(self) -> None:
         try:

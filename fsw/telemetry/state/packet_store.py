@@ -251,7 +251,8 @@ class PacketStore:
             except OSError:
                 continue
             except ValueError:
-                path.unlink(missing_ok=True)
+                with suppress(OSError):
+                    path.unlink()
 
 
 def _found(number: int, path: Path) -> StoreSegment:

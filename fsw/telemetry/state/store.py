@@ -9,6 +9,7 @@ u32; content.
 import re
 import struct
 import zlib
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -73,7 +74,8 @@ class GenerationStore:
 
     def discard(self) -> None:
         """Discard the prepared generation."""
-        (self.directory / TEMPORARY).unlink(missing_ok=True)
+        with suppress(OSError):  # the next one overwrites it
+            (self.directory / TEMPORARY).unlink()
 
     def write(self, content: bytes) -> int:
         """Prepare and commit a generation; return its number. Raises OSError."""

@@ -2,6 +2,7 @@
 
 import os
 import zlib
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -68,4 +69,5 @@ def _remove_robots(state: Path, config: Config) -> None:
     in_force = config.resolve(config.robot.urdf).absolute()
     for path in (state / TABLES).glob(ROBOT_FILE.replace("{:08x}", "*")):
         if path.absolute() != in_force:
-            path.unlink(missing_ok=True)
+            with suppress(OSError):  # a later start removes it
+                path.unlink()

@@ -18,6 +18,7 @@ from spacepackets.cfdp.pdu import (
 from spacepackets.cfdp.pdu.file_data import FileDataParams
 from spacepackets.cfdp.pdu.helper import PduFactory
 
+from file_delivery.entity import FileEntity
 from file_delivery.errors import DeliveryError
 from file_delivery.paths import confined
 from file_delivery.units import UnitError, parse
@@ -268,3 +269,21 @@ def test_a_piece_of_a_file_with_bytes_behind_it_is_refused(behind):
     assert parse(raw, 100).file_data == content(20)
     with pytest.raises(UnitError, match="announced"):
         parse(raw + bytes(behind), 100)
+
+
+def test_a_rest_that_cannot_be_removed_ends_the_transfer_and_nothing_else(
+    entity, folder, monkeypatch
+):
+    up = Uplink(content(700))
+    entity.receive(up.metadata(), 0)
+
+    def fails(_path, **_options):
+        raise OSError(30, "Read-only file system")
+
+    with monkeypatch.context() as failing:
+        failing.setattr("pathlib.Path.unlink", fails)
+        end = EofPdu(up.conf, bytes(4), 0, condition_code=ConditionCode.CANCEL_REQUEST_RECEIVED)
+        entity.receive(bytes(end.pack()), 0)
+        drain(entity)
+        FileEntity(folder)  # so that a start with such a rest has a link
+    assert [good for _, good, _ in entity.finished()] == [False]
