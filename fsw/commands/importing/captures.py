@@ -52,6 +52,10 @@ def can_capture(config: Config, bus: str, path: Path, channel: str | None, shift
     """
     log = read_can_log(path, channel)
     frames = log.frames
+    first, last = (int(end) + shift for end in (frames["t_ns"].min(), frames["t_ns"].max()))
+    if first < 0 or last >= END_NS - 1:
+        words = f"{first * 1e-9:g} to {last * 1e-9:g} s; must be 0 to less than {END_NS * 1e-9:g}"
+        raise ConfigError(f"{path}: stamps with --shift from {words}")
     frames["t_ns"] += shift
     t_ns = frames["t_ns"].astype(np.int64)
     _refuse_strangers(config, bus, frames, path)

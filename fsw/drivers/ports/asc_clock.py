@@ -95,7 +95,7 @@ class AscClock:
             f"starts {local.isoformat(' ', 'milliseconds')} by its header, read in this computer's "
             f"time zone, known to {known}"
         ]
-        if digits in DIGITS:
+        if digits in DIGITS and int(fraction):
             doubt.append(
                 f"its .{fraction} of {DIGITS[digits]} read as {int(fraction)} ms, as python-can "
                 "writes them"

@@ -95,7 +95,7 @@ def test_the_start_of_an_asc_log_of_python_can_is_read_to_the_millisecond(arm, m
     )
     assert f"starts {moment}" in arm.said
     assert "to 1 ms" in arm.said
-    assert ("two digits" in arm.said or "one digit" in arm.said) == (ms < 100)
+    assert ("two digits" in arm.said or "one digit" in arm.said) == (0 < ms < 100)
 
 
 def test_microseconds_that_an_asc_header_cannot_hold_are_a_doubt_that_is_said(arm):
@@ -170,6 +170,12 @@ def test_stamps_far_from_the_start_of_the_header_are_doubted(arm):
     (arm.folder / "a.asc").write_text(HEADER + NO_EVENTS + "".join(asc_lines(40874.8)))
     assert arm.can(arm.folder / "a.asc") == 0
     assert "first frame 40874.8 s after the start" in arm.said
+
+
+@pytest.mark.parametrize("shift", ["1e12", "-1e12", "9e9", "-1e10", "1e300", "inf", "nan"])
+def test_a_shift_beyond_all_times_is_one_line(arm, shift):
+    assert arm.can(write_log(arm.folder / "a.log"), "--shift", f"arm={shift}") == 2
+    assert arm.is_refused("shift")
 
 
 def test_an_asc_log_with_relative_stamps_is_refused(arm):
