@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from hil.evidence.hardware.data_set import DataSet
 
 FloatArray = NDArray[np.float64]
+JointKeys = dict[str, float | str]  # of one joint of an overlay
 Read = Callable[[DataSet, str], bytes]  # the bytes of one file of a data set
 
 
@@ -69,3 +70,37 @@ class Arm:
     torque: Mapping[str, Any] = field(default_factory=dict)  # keys of the mapping: scale, sign
     overlay: Mapping[str, Any] = field(default_factory=dict)  # what its owner adds: "best"
     residual_bound_nm: float = float("nan")  # of held-out torques, where another work states one
+
+
+def motor_current(limits_nm: Mapping[str, float], angle_noise_rad: float) -> list[JointKeys]:
+    """Return the overlay of joints whose torque is a motor's current, by their largest torques.
+
+    Friction, rotor inertia and gain have the wide priors of `torque: motor_current`.
+    """
+    return [
+        {
+            "name": joint,
+            "torque": "motor_current",
+            "torque_noise_nm": 0.004 * limit,
+            "torque_offset_sigma_nm": 0.02 * limit,
+            "position_noise_rad": angle_noise_rad,
+            "friction_speed_rad_s": 0.03,
+        }
+        for joint, limit in limits_nm.items()
+    ]
+
+
+def friction(limits_nm: Mapping[str, float], angle_noise_rad: float) -> list[JointKeys]:
+    """Return the overlay of link-side sensors with the friction of seals, bearings and cables."""
+    return [
+        {
+            "name": joint,
+            "position_noise_rad": angle_noise_rad,
+            "torque_offset_sigma_nm": 0.05 * limit,
+            "torque_scale_sigma_ratio": 0.02,
+            "friction_coulomb_sigma_nm": 0.05 * limit,
+            "friction_viscous_sigma_nms_rad": 0.05 * limit,
+            "friction_speed_rad_s": 0.03,
+        }
+        for joint, limit in limits_nm.items()
+    ]

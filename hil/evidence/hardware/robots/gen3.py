@@ -7,7 +7,15 @@ from functools import partial
 
 import numpy as np
 
-from hil.evidence.hardware.arms import Arm, Motion, Read, Run
+from hil.evidence.hardware.arms import (
+    Arm,
+    JointKeys,
+    Motion,
+    Read,
+    Run,
+    friction,
+    motor_current,
+)
 from hil.evidence.hardware.data_set import DataSet
 
 N = 7
@@ -96,21 +104,41 @@ def _run(run: str, kind: str, *, held: bool = False) -> Run:
     )
 
 
-ARMS = (
-    Arm(
-        name="gen3",
+JOINTS = [f"joint_{k + 1}" for k in range(N)]
+LIMITS_NM = dict(zip(JOINTS, [39.0] * 4 + [9.0] * 3, strict=True))
+ANGLE_NOISE_RAD = 1e-5
+
+
+def _arm(kind: str, overlay: list[JointKeys], runs: list[Run]) -> Arm:
+    return Arm(
+        name=f"gen3-{kind}",
         data_sets=[DATA, MODEL],
         urdf=_urdf,
         tool="end_effector_link",
         guess_kg=1.0,
         rate_hz=1000.0,
-        joints=[f"joint_{k + 1}" for k in range(N)],
-        runs=[
+        joints=JOINTS,
+        overlay={"joints": overlay},
+        runs=runs,
+    )
+
+
+ARMS = (
+    _arm(
+        "current",
+        motor_current(LIMITS_NM, ANGLE_NOISE_RAD),
+        [
             _run("joint_2_trapez", "current"),
             _run("joint_4_trapez", "current"),
             _run("opti_traj_testing1", "current"),
-            _run("opti_traj_testing1", "sensor"),
             _run("opti_traj_testing2", "current", held=True),
+        ],
+    ),
+    _arm(
+        "sensor",
+        friction(LIMITS_NM, ANGLE_NOISE_RAD),
+        [
+            _run("opti_traj_testing1", "sensor"),
             _run("opti_traj_testing2", "sensor", held=True),
         ],
     ),

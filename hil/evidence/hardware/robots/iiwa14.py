@@ -6,11 +6,14 @@ from functools import partial
 
 import numpy as np
 
-from hil.evidence.hardware.arms import Arm, FloatArray, Motion, Read, Run
+from hil.evidence.hardware.arms import Arm, FloatArray, Motion, Read, Run, friction
 from hil.evidence.hardware.data_set import DataSet
 
 N = 7
 STEP_S = 5e-3
+JOINTS = [f"iiwa_joint_{k + 1}" for k in range(N)]
+FRICTION_OF_NM = 20.0  # a twentieth of it is the friction after the sensors
+ANGLE_NOISE_RAD = 1e-5
 _ARM = "drake/examples/kuka_iiwa_arm"
 _DATA = f"{_ARM}/experiment_data/friction_model"
 _URDF = f"{_ARM}/urdf/iiwa14_estimated_params.urdf"
@@ -83,7 +86,11 @@ ARMS = (
         tool="iiwa_link_ee",
         guess_kg=1.0,
         rate_hz=1.0 / STEP_S,
-        joints=[f"iiwa_joint_{k + 1}" for k in range(N)],
+        joints=JOINTS,
+        overlay={
+            "robot": {"links_sigma_ratio": 0.2},
+            "joints": friction(dict.fromkeys(JOINTS, FRICTION_OF_NM), ANGLE_NOISE_RAD),
+        },
         torque={"sign": -1},  # the controller logs the torque of the load
         runs=[
             _run("joint6_7_dynamic_motion", "joint_2_to_7_dynamic_motion"),

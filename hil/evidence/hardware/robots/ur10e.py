@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from hil.evidence.hardware.arms import Arm, Motion, Read, Run
+from hil.evidence.hardware.arms import Arm, Motion, Read, Run, motor_current
 from hil.evidence.hardware.data_set import DataSet
 
 N = 6
@@ -18,8 +18,8 @@ JOINTS = (
     *("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint"),
     *("wrist_1_joint", "wrist_2_joint", "wrist_3_joint"),
 )
-FRICTION_NM = (30.0, 30.0, 15.0, 5.0, 5.0, 5.0)
-MODEL_NM = (2.0, 4.0, 2.0, 1.0, 1.0, 1.0)
+LIMITS_NM = dict(zip(JOINTS, (330.0, 330.0, 150.0, 54.0, 54.0, 54.0), strict=True))
+ANGLE_NOISE_RAD = 5e-5  # angles are printed to 1e-4 rad
 _URDF = "URe/urdf/ur10e.urdf"
 _FOLDER = "dataset_ur10e/identification_data/ur-"
 _SHA256 = {
@@ -58,27 +58,6 @@ def _motion(name: str, read: Read) -> Motion:
     return Motion(table[:, 0] - table[0, 0], table[:, 1 : 1 + N], table[:, 1 + 2 * N : 1 + 3 * N])
 
 
-def _overlay() -> list[dict[str, float | str]]:
-    """Return what the motor side does, as an owner of a geared arm estimates it, for each joint.
-
-    Friction is a tenth of the largest torque, gains are wrong by a tenth, and a twentieth of the
-    torque of the usual motion is neither. Angles are printed to 1e-4 rad.
-    """
-    return [
-        {
-            "name": joint,
-            "position_noise_rad": 3e-5,
-            "torque_scale_sigma_ratio": 0.1,
-            "friction_coulomb_sigma_nm": friction,
-            "friction_viscous_sigma_nms_rad": friction,
-            "friction_speed_rad_s": 0.02,
-            "torque_model_sigma_nm": model,
-            "torque_model_correlation_s": 0.3,
-        }
-        for joint, friction, model in zip(JOINTS, FRICTION_NM, MODEL_NM, strict=True)
-    ]
-
-
 def _run(name: str, payload_kg: float = 0.0, empty: str | None = None, held: bool = False) -> Run:
     return Run(
         name=name,
@@ -99,7 +78,7 @@ ARMS = (
         rate_hz=100.0,
         joints=JOINTS,
         torque={"scale": GAINS_NM_A},
-        overlay={"joints": _overlay()},
+        overlay={"joints": motor_current(LIMITS_NM, ANGLE_NOISE_RAD)},
         runs=[  # payloads: m_load in the scripts of the repository's history
             _run("19_12_23_free"),
             _run("20_01_13-load_2600", 2.602, "19_12_23_free"),

@@ -61,8 +61,9 @@ def test_every_declared_arm_names_its_runs_and_their_empty_ones():
 
 
 def test_two_runs_of_each_of_the_three_arms_are_held_out():
-    for name in ("ur10e", "gen3", "iiwa14"):
-        assert sum(each.held_out for each in declared()[name].runs) == 2
+    for robot in ("ur10e", "gen3", "iiwa14"):
+        arms = [own for name, own in declared().items() if name.startswith(robot)]
+        assert sum(each.held_out for own in arms for each in own.runs) == 2
 
 
 def test_a_table_has_the_columns_of_the_mapping(tmp_path: Path):
@@ -107,7 +108,8 @@ def test_parts_of_a_motion_are_put_one_behind_the_other():
 def test_sensor_and_current_of_one_log_are_two_runs():
     head = [f"c{k}" for k in range(40)]
     data = table([head, [str(k) for k in range(40)]])
-    runs = {own.name: own.motion(lambda *_: data) for own in declared()["gen3"].runs}
+    arms = declared()["gen3-sensor"], declared()["gen3-current"]
+    runs = {own.name: own.motion(lambda *_: data) for each in arms for own in each.runs}
     assert runs["opti_traj_testing1-sensor"].tau[0].tolist() == list(range(22, 29))
     assert runs["opti_traj_testing1-current"].tau[0].tolist() == list(range(29, 36))
 
@@ -141,4 +143,4 @@ def test_without_data_the_command_ends_in_one_line(tmp_path: Path, capsys):
     assert run(tmp_path, throws=False, fetch=False, out=None, as_json=False) == 2
     assert len(capsys.readouterr().err.strip().splitlines()) == 1
     assert run(tmp_path, throws=False, fetch=False, out=None, as_json=False, arms=["no"]) == 2
-    assert "must be one of gen3, " in capsys.readouterr().err
+    assert "must be one of gen3-current, " in capsys.readouterr().err
