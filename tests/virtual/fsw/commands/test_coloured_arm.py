@@ -1,0 +1,84 @@
+"""A clamped arm with friction by load and angle that its naive configuration does not declare.
+
+Torques are inverse dynamics of Pinocchio, with friction and ripple that no state of the model has.
+"""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import yaml
+
+from fsw.__main__ import main
+
+URDF = Path(__file__).parents[4] / "hil" / "robots" / "panda.urdf"
+RATE_HZ, DURATION_S = 100.0, 40.0
+COM_M, INERTIA_KG_M2 = np.array([0.01, -0.01, 0.06]), np.diag([0.003, 0.003, 0.002])
+MAPPING = {
+    "time": {"column": "t_s", "unit": "s"},
+    "joints": {
+        "position": {"columns": "q_{}", "unit": "rad"},
+        "torque": {"columns": "tau_{}", "unit": "N m"},
+    },
+}
+
+
+def motion(rng: np.random.Generator, arm: pin.Model) -> tuple[np.ndarray, ...]:
+    """Return times, angles, rates and accelerations of five harmonics per joint."""
+    t = np.arange(0.0, DURATION_S, 1.0 / RATE_HZ)
+    rates = 2.0 * np.pi * np.array([0.05, 0.1, 0.15, 0.25, 0.3])
+    size = rng.normal(size=(arm.nq, 5)) / np.sqrt(rates / rates[0])
+    span = 0.35 * (arm.upperPositionLimit - arm.lowerPositionLimit)
+    size *= (span / np.abs(size).sum(axis=1))[:, None]
+    phase = rates * t[:, None, None] + rng.uniform(0.0, 2.0 * np.pi, size.shape)
+    middle = 0.5 * (arm.upperPositionLimit + arm.lowerPositionLimit)
+    waves = (np.sin(phase), rates * np.cos(phase), -(rates**2) * np.sin(phase))
+    q, qd, qdd = ((size * wave).sum(axis=2) for wave in waves)
+    return t, middle + q, qd, qdd
+
+
+def table(seed: int, mass_kg: float) -> np.ndarray:
+    """Return times, measured angles and measured torques; friction is 3 % of the torques."""
+    rng, arm = np.random.default_rng(seed), pin.buildModelFromUrdf(str(URDF))
+    if mass_kg:
+        flange = arm.frames[arm.getFrameId("flange")]
+        payload = pin.Inertia(mass_kg, COM_M, INERTIA_KG_M2)
+        arm.appendBodyToJoint(flange.parentJoint, payload, flange.placement)
+    t, q, qd, qdd = motion(rng, arm)
+    data, n = arm.createData(), arm.nq
+    tau = np.array([pin.rnea(arm, data, *one) for one in zip(q, qd, qdd, strict=True)])
+    dry = 0.1 * np.exp(0.5 * rng.normal(size=n)) + 0.01 * np.abs(tau)
+    ripple = 0.05 * np.sin(20.0 * q + rng.uniform(0.0, 2.0 * np.pi, n))
+    offset = 0.002 * arm.effortLimit * rng.normal(size=n)
+    tau = tau + dry * np.tanh(qd / 0.02) + 0.05 * qd + ripple + offset
+    tau += 0.05 * rng.normal(size=tau.shape)
+    return np.column_stack([t, q + 2e-5 * rng.normal(size=q.shape), tau])
+
+
+@pytest.mark.parametrize("mass_kg", [1.4, 0.0])
+def test_the_mass_is_of_use_and_honest(mass_kg: float, tmp_path: Path, capsys) -> None:
+    config, recording, motion_csv = (tmp_path / name for name in ("r.yaml", "arm.mcap", "arm.csv"))
+    names = [f"{kind}_joint{k}" for kind in ("q", "tau") for k in range(1, 8)]
+    head = ",".join(["t_s", *names])
+    np.savetxt(motion_csv, table(0, mass_kg), "%.9g", delimiter=",", header=head, comments="")
+    (tmp_path / "map.yaml").write_text(yaml.safe_dump(MAPPING), encoding="utf-8")
+    naive = ("--base", "clamped", "--imu", "none", "--tracker", "none", "--rate-hz", "100")
+    grasped = ("--tool", "flange", "--unknown", "target", "--target-mass-kg", "1")
+    assert main(["init", str(URDF), "--out", str(config), *grasped, *naive]) == 0
+    text = re.sub(r"interface: \w+", "interface: samples", config.read_text(encoding="utf-8"))
+    config.write_text(text, encoding="utf-8")
+    told = ["--map", str(tmp_path / "map.yaml"), "--config", str(config), "--out", str(recording)]
+    assert main(["import", str(motion_csv), *told]) == 0
+    capsys.readouterr()
+    main(["identify", str(recording), "--config", str(config), "--json"])
+    found = json.loads(capsys.readouterr().out)
+    assert set(found["reasons"]) <= {"INSUFFICIENT_EXCITATION"}, found["note"]
+    mass, sigma = found["estimate"]["target"]["mass_kg"], found["sigma"]["target"]["mass_kg"]
+    assert abs(mass - mass_kg) < 3.0 * sigma
+    assert sigma < 0.25  # half of the prior's
+    assert "alike from window to window" in found["note"]
+    if mass_kg:
+        assert found["diagnosis"]["parameters"]["target"]["mass_kg"] == "measured"
