@@ -13,9 +13,9 @@ recording, tapered by Parzen's window. The covariance of the estimate is P S P w
 rows whose residuals fade alike share their fading. The sigma that follows from so few independent
 samples is widened to that of Student's distribution.
 
-Only torques may be alike: in an inertial unit nothing fades so slowly but its bias, a state of its
-own. Where a held arm repeats its motion, its residuals repeat too, and repetitions add nothing:
-then the autocovariance is used at all lags, without taper. Other residuals that are noise do not
+Only torques of a held arm may be alike: in an inertial unit nothing fades so slowly but its bias, a
+state of its own. Where an arm repeats its motion, its residuals repeat too, and repetitions add
+nothing: then the autocovariance is used at all lags, without taper. Other residuals that are noise do not
 resemble those half a recording later. Two halves of the data agree within this covariance; those of
 a wrong model need not.
 Source: Newey, West, Econometrica 55 (1987) 703; Priestley, Spectral Analysis and Time Series
@@ -101,8 +101,8 @@ def besides_torques(
 ) -> list[FloatArray]:
     """Return the residuals that must be white: all but torques, of blocks that lack no channel.
 
-    Torques alone do not show whether a free base, which they set in motion too, is as the model
-    says: there all of them must be white.
+    On a free base all must be white: torques set it in motion too, so that errors of the base and
+    of the inertial unit are in them as well.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ def besides_torques(
     size = max(map(len, residuals), default=0)
     whole = [k for k, rows in enumerate(residuals) if len(rows) == size]
     first = min((torques[k] for k in whole), default=0)
-    if size % nodes or (is_free and first == size // nodes):
+    if is_free or size % nodes:
         return list(residuals)
     return [residuals[k].reshape(nodes, -1)[:, first:].ravel() for k in whole]
 

@@ -108,7 +108,7 @@ def test_likeness_of_an_inertial_unit_is_a_mismatch() -> None:
     for in_torques, in_axes in ((0.9, 0.0), (0.0, 0.9)):
         rows = np.concatenate([noise(rng, in_torques), noise(rng, in_axes)], axis=1)
         blocks = list(rows.reshape(BLOCKS, -1))
-        besides = besides_torques(blocks, [JOINTS] * BLOCKS, NODES, is_free=True)
+        besides = besides_torques(blocks, [JOINTS] * BLOCKS, NODES, is_free=False)
         assert [len(one) for one in besides] == [NODES * JOINTS] * BLOCKS
         trust = Trust()
         trust.learn(blocks, 1.0, besides)
