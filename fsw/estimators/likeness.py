@@ -15,9 +15,9 @@ samples is widened to that of Student's distribution.
 
 Only torques of a held arm may be alike: in an inertial unit nothing fades so slowly but its bias, a
 state of its own. Where an arm repeats its motion, its residuals repeat too, and repetitions add
-nothing: then the autocovariance is used at all lags, without taper. Other residuals that are noise do not
-resemble those half a recording later. Two halves of the data agree within this covariance; those of
-a wrong model need not.
+nothing: then the autocovariance is used at all lags, without taper. Other residuals that are noise
+do not resemble those half a recording later. Two halves of the data agree within this covariance;
+those of a wrong model need not.
 Source: Newey, West, Econometrica 55 (1987) 703; Priestley, Spectral Analysis and Time Series
 (1981), 6.2.3 (Parzen's window) and table 6.2 (its equivalent degrees of freedom).
 """
