@@ -10,7 +10,8 @@ from scipy import stats
 from fsw import false_alarms
 from fsw.config.health import HealthConfig
 from fsw.config.processing import EstimatorConfig
-from fsw.estimators.recursive import change, outcome, prior_groups
+from fsw.estimators import reasons
+from fsw.estimators.recursive import change, prior_groups
 from fsw.estimators.window_fit import GATE_SIGMAS
 
 
@@ -22,7 +23,7 @@ def test_the_shares_of_all_checks_are_within_the_budget() -> None:
 def test_each_threshold_over_all_its_tests_has_its_share() -> None:
     """By the distributions of scipy.stats."""
     shares, blocks = false_alarms.SHARES, false_alarms.BLOCKS
-    normal, half = stats.norm.sf, 0.5 * stats.chi2.sf(outcome.INCONSISTENT, 1)
+    normal, half = stats.norm.sf, 0.5 * stats.chi2.sf(reasons.INCONSISTENT, 1)
     for check, chance, tests in (
         ("gate", EstimatorConfig().gate_probability, blocks),
         ("sensor", HealthConfig().false_alarm_probability, blocks * false_alarms.SENSORS),

@@ -43,8 +43,9 @@ def test_a_reason_before_the_first_valid_output_is_no_alarm() -> None:
 def test_the_summary_counts_flights_not_firings() -> None:
     fired = dict.fromkeys(STATED, 0) | {"gate": 7}
     clean = {"level": SAMPLES, "scenario": "base", "seed": 1, "valid": True, "wrong": 0}
-    rows = [clean | {"reason": "", "fired": fired}, clean | {"reason": "", "fired": {}}]
+    rows = [clean | {"reason": "", "fired": own} for own in (fired, {"gate": 0})]
     found = summary(rows)
     assert found["checks"]["gate"]["failed"] == 1
     assert found["checks"]["gate"]["flights"] == 2
+    assert found["checks"]["sample"]["flights"] == 1, "the other flight does not show it"
     assert [flight["seed"] for flight in found["failed"]] == [1]
