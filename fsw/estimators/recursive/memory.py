@@ -278,14 +278,10 @@ class Memory:
         levels = [float(np.mean((s.c - s.A @ x) ** 2)) for s in recent if len(s.c)]
         return np.array(levels), len(recent[-1].c) if recent else 0
 
-    def residuals(self, x: FloatArray) -> list[FloatArray]:
-        """Return the whitened residuals of every stored block, oldest first."""
-        every = [self._with_rows(stored) for stored in self._store if stored.weight]
-        return [stored.c - stored.A @ x for stored in every if len(stored.c)]
-
     def rows_at(self, x: FloatArray) -> tuple[list[Rows], list[Block]]:
         """Return rows at a state x (p,), A by the root of its weight, and the stored blocks."""
-        used = [s for s in self._store if len(s.c) and s.weight]
+        every = [self._with_rows(stored) for stored in self._store if stored.weight]
+        used = [stored for stored in every if len(stored.c)]
         rows = [Rows(s.weight * s.A, s.c - s.A @ x, None, s.root, s.use) for s in used]
         return rows, [s.block for s in used]
 

@@ -186,7 +186,7 @@ def test_a_gated_block_carries_the_modes_on_and_says_nothing() -> None:
         memory.add(block, made, x, keep=True, weight=float(number != 2))
         assert memory.gained is not None
         assert not memory.gained.doubt.any()
-    assert len(memory.residuals(x)) == 2
+    assert len(memory.rows_at(x)[0]) == 2
     seen = information(problem, blocks[:2], x)
     assert memory.rows == 5 * len(made.b)
     assert np.linalg.slogdet(memory.information.R)[1] > np.linalg.slogdet(seen.R)[1]
@@ -198,7 +198,7 @@ def test_after_a_pass_the_modes_are_carried_from_its_point_though_blocks_came_me
     rows = row_function("fused", "eiv", problem)
     x = true_state(problem)
     first = x.copy()
-    first[problem.mode_frequency] += 0.1
+    first[problem.at("mode_frequency")] += 0.1
     prior = SquareRootInformation.from_prior(problem.prior_mean, problem.prior_covariance)
     memory = Memory(prior, 40)
     for block in blocks[:6]:
