@@ -1,302 +1,288 @@
-"""Try the usual mistakes of a configuration on recorded blocks, to find one that explains the data.
+"""The usual mistakes of a configuration or of a source: one declaration each.
 
-Examples are a wrong sign, two swapped joints, a rotated sensor. For each mistake, the blocks are
-changed to those of a correct configuration, and the bodies are identified again. Residuals as small
-as the declared noise show the actual mistake; hardly any other mistake leaves such residuals.
+A mistake has the text that names key and cure, and a change of a `Trial` that undoes the mistake.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import partial
 from itertools import combinations, permutations, product
+from math import degrees, radians
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from fsw.checks.mounting import (
-    contradicted,
-    mounting_words,
-    other_words,
-    with_doubtful_mounting,
-    with_free_mounting,
-)
+from fsw.checks.trial import ACCELEROMETER, GYRO, Trial
 from fsw.config import Config
-from fsw.estimators.batch.solver import Target, minimise
-from fsw.estimators.measurement.row_functions import Linearisation, row_function
-from fsw.estimators.model.building import body_prior, build_problem, joint_order
-from fsw.estimators.model.inertia import PARAMETERS, from_parameters
-from fsw.estimators.model.problem import Problem
+from fsw.drivers.codecs.stim300 import STANDARD_GRAVITY_M_S2
 from fsw.estimators.rotation import rotation_from_xyzw
-from fsw.messages import Block, FloatArray
-from fsw.messages.errors import NUMERICAL, ConfigError
+from fsw.messages import FloatArray
 
-BLOCKS = 8  # number of blocks used, spread over the recording
-ITERATIONS = 12
-LARGE = 3.0  # ratio of squared residuals to declared noise above which something is wrong
-EXPLAINED = 0.1  # largest share of the squared residuals that remains if a mistake explains them
-TOLD = 10  # mistakes between two lines of progress
-WELL_EXPLAINED = 9.0  # largest ratio of squared residuals to noise after the found mistakes
-AT_ONCE = 3  # most mistakes searched for in one configuration
-FREED, FREED_M = 30.0, 3.0  # sigma of a freed base: ratio for mass and inertia; centre of mass
-FREED_ITERATIONS = 60
-
-Change = Callable[[Block], Block]
+QUATERNION = "imu.mounting.q_BS_xyzw"
+FRICTION_SHARE = 0.3  # prior sigma of undeclared friction over the rms torque
+LEAST_SPEED = 1e-3  # [rad/s or m/s] of the mean speed at which viscous friction may be as large
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Mistake:
-    """A possible mistake; `change` returns a block as it would be without the mistake."""
+    """A possible mistake; `change` returns a trial as it would be without the mistake.
 
-    text: str  # states which key must change
-    change: Change
+    `size`: the unit of `{size}` in the text, whose value is to be found; empty: it has no size.
+    """
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Verdict:
-    """Ratio of squared residuals to declared noise, and the mistakes that explain the ratio."""
-
-    before: float  # ratio with the configuration as it is
-    after: float  # ratio after the changes in `found` or `nearest`
-    found: tuple[str, ...]  # changes of the configuration that explain the data, in order found
-    nearest: tuple[str, ...]  # changes that help most, if they do not explain the data
-    tried: int
-    mounting: str  # fault of the inertial unit's place or attitude; empty: both fit
-    doubtful: str  # another value of arm or calibration far from its prior; empty: none
+    text: str
+    change: Callable[..., Trial]
+    sized: bool = False  # whether `change` takes a size, which is to be found
 
 
-def explain_residuals(
-    config: Config, problem: Problem, blocks: Sequence[Block], progress: Callable[[str], None]
-) -> Verdict:
-    """Return the mistakes that explain large residuals; search them one after the other."""
-    moving = [block for block in blocks if np.abs(block.qd_rad_s).max() > 0.0]
-    usable = moving or blocks  # static poses show signs and order by weight alone
-    places = np.linspace(0, len(usable) - 1, min(BLOCKS, len(usable))).round().astype(int)
-    chosen = [usable[k] for k in places]
-    before = level = residual_level(problem, chosen)
-    candidates, found = usual_mistakes(config, problem), list[str]()
-    while level > LARGE and len(found) < AT_ONCE:
-        progress(f"residuals {level**0.5:.3g} times the noise: trying {len(candidates)} mistakes")
-        levels = list[float]()
-        for candidate in candidates:
-            levels.append(residual_level(problem, [candidate.change(b) for b in chosen]))
-            if len(levels) % TOLD == 0:
-                progress(f"{len(levels)} of {len(candidates)} tried")
-        best = int(np.argmin(levels))
-        if levels[best] > EXPLAINED * level:
-            break
-        chosen, level = [candidates[best].change(b) for b in chosen], levels[best]
-        found.append(candidates[best].text)
-    mounting = doubtful = ""
-    if not found:
-        left, mounting, doubtful = _doubted(config, problem, usable, level)
-        level, found = (left, [mounting]) if level > LARGE and mounting else (level, found)
-    if not found and level > LARGE and "base" not in config.unknown:
-        progress("trying another base")
-        freed, words = _freed_base(config, problem, chosen)
-        if freed <= LARGE:
-            level, found = freed, [words]
-    names, tried, explained = tuple(found), len(candidates), level <= WELL_EXPLAINED
-    return Verdict(
-        before=before,
-        after=level,
-        found=names if explained else (),
-        nearest=() if explained else names,
-        tried=tried,
-        mounting=mounting,
-        doubtful=doubtful,
+def usual_mistakes(trial: Trial) -> list[Mistake]:
+    """Return the mistakes to try for a configuration and its recorded sources."""
+    config = trial.config
+    return [
+        *_signs(config),
+        *_exchanges(config),
+        *_units(config),
+        *_clocks(config),
+        *_gravity(config),
+        *_friction(config),
+        *(_mountings(config) if config.imu.present else ()),
+        *(_axes() if config.imu.present else ()),
+    ]
+
+
+def _signs(config: Config) -> Iterator[Mistake]:
+    n = len(config.joints)
+    for k, joint in enumerate(config.joints):
+        key, turned = f"joints.{k}", np.where(np.arange(n) == k, -1.0, 1.0)
+        gain = f"set {key}.torque_gain to {-joint.torque_gain:g}"
+        yield Mistake(
+            text=f"{key}.sign ({joint.name}): {joint.sign} should be {-joint.sign}",
+            change=partial(Trial.reread, position=turned, torque=turned),
+        )
+        yield Mistake(
+            text=f"{key} ({joint.name}): its torque alone counts the other way (proximal "
+            f"side, or mounted reversed); {gain}",
+            change=partial(Trial.reread, torque=turned),
+        )
+        yield Mistake(
+            text=f"{key} ({joint.name}): its position alone counts the other way; set {key}.sign "
+            f"to {-joint.sign} and {gain}",
+            change=partial(Trial.reread, position=turned),
+        )
+    if n < 2:
+        return
+    yield Mistake(
+        text="joints: all torques count the other way (as torques on the link, or those of some "
+        "controllers); multiply every torque_gain by -1",
+        change=partial(Trial.reread, torque=-1.0),
+    )
+    yield Mistake(
+        text="joints: all positions count the other way; multiply every sign and every torque_gain "
+        "by -1",
+        change=partial(Trial.reread, position=-1.0),
+    )
+    yield Mistake(
+        text="joints: all positions and torques count the other way; multiply every sign by -1",
+        change=partial(Trial.reread, position=-1.0, torque=-1.0),
     )
 
 
-def _doubted(
-    config: Config, problem: Problem, blocks: Sequence[Block], level: float
-) -> tuple[float, str, str]:
-    """Return ratio and words on mounting and other values; a wrong mounting is estimated freely."""
-    problem = with_doubtful_mounting(config, problem)
-    x = _fit(problem, blocks)[1]
-    kind = contradicted(problem, x)
-    if config.imu.present and (level > LARGE or kind in ("imu_place", "imu_angle")):
-        left, freed = _fit(with_free_mounting(problem), blocks, FREED_ITERATIONS)
-        words = mounting_words(config, problem, freed) if left <= LARGE else ""
-        if words:
-            return left, words, ""
-    return level, "", other_words(problem, x) if kind and level <= LARGE else ""
-
-
-def residual_level(problem: Problem, blocks: Sequence[Block]) -> float:
-    """Return the ratio of squared residuals of the best fit to declared noise; inf: no fit."""
-    return _fit(problem, blocks)[0]
-
-
-def _fit(
-    problem: Problem, blocks: Sequence[Block], iterations: int = ITERATIONS
-) -> tuple[float, FloatArray]:
-    """Return the ratio as `residual_level` does, and the state (p,) of the best fit."""
-    nothing = float("inf"), problem.prior_mean
-    if not blocks:
-        return nothing
-    target = Target(Linearisation(row_function("fused", "eiv", problem), blocks))
-    try:
-        with np.errstate(all="ignore"):
-            solution = minimise(problem, target, max_iterations=iterations, plain=False)
-    except NUMERICAL:
-        return nothing
-    level = solution.cost / max(solution.rows, 1)
-    return (level, solution.mean) if np.isfinite(level) else nothing
-
-
-def _freed_base(config: Config, problem: Problem, blocks: Sequence[Block]) -> tuple[float, str]:
-    """Return the ratio left if the known base is estimated, and words on the base found."""
-    own = config.bodies.get("base")
-    key = "the URDF's root link" if own is None else "bodies.base"
-    pi = problem.model.pi_links[:PARAMETERS] if own is None else body_prior(own)[0]
-    mass_kg, com_m, inertia = from_parameters(pi)
-    largest = float(max(inertia[k] for k in (0, 3, 5)))
-    base = {
-        "mass_kg": float(mass_kg),
-        "com_m": com_m.tolist(),
-        "inertia_kg_m2": inertia.tolist(),
-        "sigma": {
-            "mass_kg": FREED * float(mass_kg),
-            "com_m": [FREED_M] * 3,
-            "inertia_kg_m2": [FREED * largest] * 6,
-        },
-    }
-    bodies = {name: body.model_dump() for name, body in config.bodies.items()} | {"base": base}
-    try:
-        freed = config.with_sections(bodies=bodies, unknown=("base", *config.unknown))
-        wider = build_problem(freed, problem.model)
-    except ConfigError:  # such as for a clamped base
-        return float("inf"), ""
-    level, x = _fit(wider, blocks, FREED_ITERATIONS)
-    found_kg = x[wider.body("base")][0]
-    return level, (
-        f"the known base ({key}): its data do not fit; mass {mass_kg:.4g} kg, found about "
-        f"{found_kg:.3g} kg. Correct it, or estimate it: base under unknown"
-    )
-
-
-def usual_mistakes(config: Config, problem: Problem) -> list[Mistake]:
-    """Return the mistakes to try for the joints and the inertial unit of a configuration."""
-    of_imu = _imu_mistakes(config) if config.imu.present else []
-    return [*_joint_mistakes(config, problem), *of_imu]
-
-
-def _joint_mistakes(config: Config, problem: Problem) -> list[Mistake]:
-    order = joint_order(config, problem.model)
-    joints = [config.joints[k] for k in order]
-    columns = _Readings(
-        sign=np.array([float(joint.sign) for joint in joints]),
-        zero_rad=np.array([joint.zero_offset_rad for joint in joints]),
-        gain=np.array([joint.torque_gain for joint in joints]),
-        offset_nm=np.array([joint.torque_offset_nm for joint in joints]),
-    )
-    found = []
-    for k, joint in enumerate(joints):
-        key, turned = f"joints.{order[k]}", np.ones(len(joints))
-        turned[k] = -1.0
-        found += [
-            Mistake(
-                text=f"{key}.sign ({joint.name}): {joint.sign} should be {-joint.sign}",
-                change=partial(columns.changed, sign=turned, torque_sign=turned),
-            ),
-            Mistake(
-                text=f"{key} ({joint.name}): its torque alone counts the other way (proximal "
-                f"side, or mounted reversed); set {key}.torque_gain to {-joint.torque_gain:g}",
-                change=partial(columns.changed, sign=np.ones(len(joints)), torque_sign=turned),
-            ),
-        ]
+def _exchanges(config: Config) -> Iterator[Mistake]:
+    joints = config.joints
     for i, k in combinations(range(len(joints)), 2):
-        swapped = np.arange(len(joints))
-        swapped[[i, k]] = k, i
-        found.append(
-            Mistake(
-                text=f"joints.{order[i]}.node_id and joints.{order[k]}.node_id ({joints[i].name}, "
-                f"{joints[k].name}): swapped",
-                change=partial(columns.reordered, places=swapped),
+        places = list(range(len(joints)))
+        places[i], places[k] = k, i
+        names = f"({joints[i].name}, {joints[k].name})"
+        yield Mistake(
+            text=f"joints.{i}.node_id and joints.{k}.node_id {names}: swapped",
+            change=partial(Trial.reread, positions_of=places, torques_of=places),
+        )
+        yield Mistake(
+            text=f"joints.{i} and joints.{k} {names}: their torques are exchanged, their positions "
+            "are not; look at the columns of the torques",
+            change=partial(Trial.reread, torques_of=places),
+        )
+        yield Mistake(
+            text=f"joints.{i} and joints.{k} {names}: their positions are exchanged, their torques "
+            "are not; look at the columns of the positions",
+            change=partial(Trial.reread, positions_of=places),
+        )
+
+
+def _units(config: Config) -> Iterator[Mistake]:
+    turning = np.array([joint.kind == "revolute" for joint in config.joints])
+    for factor, found, declared in ((radians(1.0), "degrees", "rad"), (degrees(1.0), "rad", "deg")):
+        if turning.any():
+            yield Mistake(
+                text=f"joints: the angles are in {found}, not in {declared}; correct their unit "
+                "where they are imported",
+                change=partial(Trial.reread, position=np.where(turning, factor, 1.0)),
             )
+        if config.imu.present:
+            yield Mistake(
+                text=f"imu: its rates are in {found}/s, not in {declared}/s; correct their unit "
+                "where they are imported",
+                change=partial(Trial.turned, channels=[GYRO], M=factor * np.eye(3)),
+            )
+    for factor, found in ((1e-3, "1000 times too large"), (1e3, "1000 times too small")):
+        if config.joints:
+            yield Mistake(
+                text=f"joints: the torques are {found}; correct their unit (N m, mN m) where they "
+                "are imported",
+                change=partial(Trial.reread, torque=factor),
+            )
+    g = STANDARD_GRAVITY_M_S2
+    for factor, found, declared in ((g, "g", "m/s2"), (1.0 / g, "m/s2", "g")):
+        if config.imu.present:
+            yield Mistake(
+                text=f"imu: its specific force is in {found}, not in {declared}; correct its unit "
+                "where it is imported",
+                change=partial(Trial.turned, channels=[ACCELEROMETER], M=factor * np.eye(3)),
+            )
+
+
+def _clocks(config: Config) -> Iterator[Mistake]:
+    """Yield a shift of each source against all others; the buses come last."""
+    sources = {"imu": [GYRO, ACCELEROMETER]} if config.imu.present else {}
+    for bus in config.buses:
+        own = [f"joints.{k}" for k, joint in enumerate(config.joints) if joint.bus == bus.name]
+        if own:
+            sources[f"bus {bus.name}"] = own
+    if len(sources) < 2:
+        sources = {}
+    elif len(config.buses) == 1:
+        del sources[f"bus {config.buses[0].name}"]  # the same as a shift of the inertial unit
+    for name, channels in sources.items():
+        yield Mistake(
+            text=f"{name}: its clock differs from that of the other sources: add {{size}} s to its "
+            f"stamps (fsw import --shift {name.rpartition(' ')[2]}={{size}}), or correct its delay",
+            change=partial(_shifted, channels=channels),
+            sized=True,
         )
-    return found
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Readings:
-    """Calibration (n,) from readings of the nodes to angles and torques, in the model's order."""
-
-    sign: FloatArray
-    zero_rad: FloatArray
-    gain: FloatArray
-    offset_nm: FloatArray
-
-    def changed(self, block: Block, sign: FloatArray, torque_sign: FloatArray) -> Block:
-        """Return the block with the readings reversed where `sign` or `torque_sign` (n,) is -1."""
-        return replace(
-            block,
-            q_rad=sign * (block.q_rad + self.zero_rad) - self.zero_rad,
-            qd_rad_s=sign * block.qd_rad_s,
-            qdd_rad_s2=sign * block.qdd_rad_s2,
-            tau_nm=torque_sign * (block.tau_nm + self.offset_nm) - self.offset_nm,
-        )
-
-    def reordered(self, block: Block, places: NDArray[np.int64]) -> Block:
-        """Return a block in which joint k has the readings of joint `places[k]`, places (n,)."""
-        sense = self.sign * self.sign[places]
-        scale = sense * self.gain / self.gain[places]
-        return replace(
-            block,
-            q_rad=sense * (block.q_rad + self.zero_rad)[:, places] - self.zero_rad,
-            qd_rad_s=sense * block.qd_rad_s[:, places],
-            qdd_rad_s2=sense * block.qdd_rad_s2[:, places],
-            tau_nm=scale * (block.tau_nm + self.offset_nm)[:, places] - self.offset_nm,
-            has_joint=block.has_joint[places],
+    if config.joints:
+        yield Mistake(
+            text="joints: stamps of torques and positions differ, add {size} s to those of the "
+            "torques; are they recorded by two sources, or filtered?",
+            change=torques_shifted,
+            sized=True,
         )
 
 
-def _imu_mistakes(config: Config) -> list[Mistake]:
+def _shifted(trial: Trial, by_s: float, channels: Sequence[str]) -> Trial:
+    return trial.shifted(channels, by_s)
+
+
+def torques_shifted(trial: Trial, by_s: float) -> Trial:
+    """Return the trial with `by_s` added to the stamps of all torques."""
+    shifted = {}
+    for k in range(len(trial.config.joints)):
+        own = trial.streams[f"joints.{k}"]
+        torque = own.shifted(by_s).at(own.t_ns)[:, 1]
+        shifted[f"joints.{k}"] = type(own)(own.t_ns, np.column_stack([own.values[:, 0], torque]))
+    return trial.sampled(shifted)
+
+
+def _gravity(config: Config) -> Iterator[Mistake]:
+    down = np.array(config.base.gravity_B_m_s2)
+    size = float(np.linalg.norm(down))
+    if not size:
+        return
+    ways = [sign * axis for axis in np.eye(3) for sign in (1.0, -1.0)]
+    for way in [-down / size, *ways]:
+        if way @ down > 0.99 * size or (
+            config.base.motion == "planar" and way @ down > -0.99 * size
+        ):
+            continue
+        gravity = (size * way + 0.0).tolist()
+        opposite = "points the other way" if way @ down < -0.99 * size else "has another direction"
+        yield Mistake(
+            text=f"base.gravity_B_m_s2: gravity {opposite}; set it to "
+            f"[{', '.join(f'{v:.6g}' for v in gravity)}]",
+            change=partial(_with_gravity, gravity=gravity),
+        )
+
+
+def _with_gravity(trial: Trial, gravity: Sequence[float]) -> Trial:
+    base = trial.config.base.model_copy(update={"gravity_B_m_s2": tuple(gravity)})
+    return trial.configured(base=base)
+
+
+def _friction(config: Config) -> Iterator[Mistake]:
+    bare = [k for k, j in enumerate(config.joints) if j.torque != "none" and not _rubs(config, k)]
+    if bare:
+        yield Mistake(
+            text="joints: friction that is not declared; set friction_coulomb_sigma_nm and "
+            "friction_viscous_sigma_nms_rad",
+            change=partial(_with_friction, places=bare),
+        )
+
+
+def _rubs(config: Config, k: int) -> bool:
+    joint = config.joints[k]
+    return joint.friction_coulomb_sigma_nm > 0.0 and joint.friction_viscous_sigma_nms_rad > 0.0
+
+
+def _with_friction(trial: Trial, places: Sequence[int]) -> Trial:
+    joints = list(trial.config.joints)
+    for k in places:
+        own = trial.streams[f"joints.{k}"]
+        coulomb_nm = FRICTION_SHARE * float(np.sqrt(np.nanmean(own.values[:, 1] ** 2)))
+        viscous = coulomb_nm / max(own.speed(), LEAST_SPEED)
+        sigmas = {
+            "friction_coulomb_sigma_nm": coulomb_nm,
+            "friction_viscous_sigma_nms_rad": viscous,
+        }
+        joints[k] = joints[k].model_copy(update=sigmas)
+    return trial.configured(joints=tuple(joints))
+
+
+def _mountings(config: Config) -> Iterator[Mistake]:
     q = np.array(config.imu.mounting.q_BS_xyzw)
     R = rotation_from_xyzw(q)
-    key = "imu.mounting.q_BS_xyzw"
     named = {
-        f"{key}: is that of B to S; its inverse takes S to B": R.T,
-        f"{key}: is in the order w x y z; must be x y z w": rotation_from_xyzw(q[[1, 2, 3, 0]]),
+        f"{QUATERNION}: is that of B to S; its inverse takes S to B": R.T,
+        f"{QUATERNION}: is in the order w x y z; must be x y z w": rotation_from_xyzw(
+            q[[1, 2, 3, 0]]
+        ),
     }
     for axes, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
         turn = np.diag(signs)[list(axes)]
         if np.linalg.det(turn) > 0 and not np.allclose(turn, np.eye(3)):
             words = [f"{'-' if turn[row].sum() < 0 else ''}{'xyz'[axes[row]]}" for row in range(3)]
-            text = f"{key}: the unit's axes {' '.join(words)} stand where x y z should"
+            text = f"{QUATERNION}: the unit's axes {' '.join(words)} stand where x y z should"
             named[text] = R @ turn
-    found = [
-        Mistake(
-            text=f"{text}. Set q_BS_xyzw: {_quaternion(true)}",
-            change=partial(_turned, turn=true @ R.T),
-        )
-        for text, true in named.items()
-        if not np.allclose(true, R)
-    ]
-    return [
-        *found,
-        Mistake(
-            text="imu: its accelerometer counts the other way (gravity, not specific force)",
-            change=lambda block: replace(block, f_NS_B_m_s2=-block.f_NS_B_m_s2),
-        ),
-        Mistake(
-            text="imu: its gyro counts the other way",
-            change=lambda block: replace(
-                block, w_NB_B_rad_s=-block.w_NB_B_rad_s, wd_NB_B_rad_s2=-block.wd_NB_B_rad_s2
-            ),
-        ),
-    ]
+    for text, true in named.items():
+        if not np.allclose(true, R):
+            values = Rotation.from_matrix(true).as_quat() + 0.0
+            yield Mistake(
+                text=f"{text}. Set q_BS_xyzw: [{', '.join(f'{v:.6g}' for v in values)}]",
+                change=partial(_mounted, q_BS_xyzw=values.tolist()),
+            )
 
 
-def _quaternion(R: FloatArray) -> str:
-    return f"[{', '.join(f'{v + 0.0:.6g}' for v in Rotation.from_matrix(R).as_quat())}]"
+def _mounted(trial: Trial, q_BS_xyzw: Sequence[float]) -> Trial:
+    imu = trial.config.imu
+    mounting = imu.mounting.model_copy(update={"q_BS_xyzw": tuple(q_BS_xyzw)})
+    return trial.configured(imu=imu.model_copy(update={"mounting": mounting}))
 
 
-def _turned(block: Block, turn: FloatArray) -> Block:
-    return replace(
-        block,
-        w_NB_B_rad_s=block.w_NB_B_rad_s @ turn.T,
-        wd_NB_B_rad_s2=block.wd_NB_B_rad_s2 @ turn.T,
-        f_NS_B_m_s2=block.f_NS_B_m_s2 @ turn.T,
-    )
+def _axes() -> Iterator[Mistake]:
+    """Yield signs and exchanges of the axes of one of the two sensors of an inertial unit."""
+    ways: dict[str, FloatArray] = {"counts the other way": -np.eye(3)}
+    for k, axis in enumerate("xyz"):
+        ways[f"counts the other way in {axis}"] = np.diag(np.where(np.arange(3) == k, -1.0, 1.0))
+    for i, k in combinations(range(3), 2):
+        places = [0, 1, 2]
+        places[i], places[k] = k, i
+        ways[f"has {'xyz'[i]} and {'xyz'[k]} exchanged"] = np.eye(3)[places]
+    for name, channel in (("gyro", GYRO), ("accelerometer", ACCELEROMETER)):
+        for words, M in ways.items():
+            why = (
+                " (gravity, not specific force)"
+                if (name, words[-3:]) == ("accelerometer", "way")
+                else ""
+            )
+            yield Mistake(
+                text=f"imu: its {name} {words}{why}",
+                change=partial(Trial.turned, channels=[channel], M=M),
+            )

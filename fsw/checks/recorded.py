@@ -1,47 +1,120 @@
-"""Compare rates, noise and attitude in recorded windows with the values of a configuration."""
+"""Compare rates and attitude in recorded windows with the values of a configuration."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.polynomial import legendre
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from fsw.checks.budget import IMU_RATES_HZ
+from fsw.checks.comparison import Comparison
+from fsw.checks.noise import noise_findings
+from fsw.checks.trial import joined, unwrapped
 from fsw.config import Config
-from fsw.estimators.polynomial import EXTRA_DEGREE
+from fsw.config.devices import SAMPLES
 from fsw.messages import ChannelWindow, FloatArray, Window
 
-OTHER_UNIT = 30.0  # declared noise too large by this ratio: a wrong unit gives 57 or 60
-RATE_TOLERANCE = 0.02
+RATE_TOLERANCE, RATE_SIGMAS = 0.02, 4.0
 DOUBLED = 1.5  # ratio of received to declared rate that the ends of a recording do not explain
-NOISE_RATIO = 2.0  # accepted ratio of found to declared noise, or of declared to found
+UNIT_RATIO = 1.3  # of a ratio of rates to a power of 1000 that shows another unit of time
+BEYOND = 0.05  # accepted share of samples of a source that are out of range
+JOINTS, IMU = "joints", "imu"  # sources of the status, beside the buses
+WIDE = 3000.0  # factor on limits that accepts readings in any unit: 57, 1000
+WRONG = "WRONG: "
+MISSING = 0.2  # accepted share of samples without a torque
 TURNED_RAD = 1e-3  # least rotation between two solutions that shows the sense of rotation
 SENSE_RATIO = 0.3  # another sense is correct if its residual is smaller by this ratio
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Finding:
-    """Declared and found value of one key; `wrong` and `note` are words, empty if it fits."""
+class DataFindings:
+    """Findings that need the samples alone, and no model of the robot."""
 
-    key: str
-    declared: float
-    found: float
-    wrong: str = ""
-    note: str = ""
+    rates: Sequence[Comparison] = ()
+    noise: Sequence[Comparison] = ()
+    samples: Sequence[str] = ()  # what is wrong with the samples of a joint
+    poses: int = 0  # number of static poses of which the recording consists; 0: it has motions
 
-    def text(self) -> str:
-        """Return the finding as a line of text."""
-        verdict = f"WRONG: {self.wrong}" if self.wrong else self.note or "fits"
-        return f"{self.key}: declared {self.declared:.3g}, found {self.found:.3g}; {verdict}"
+    def lines(self) -> list[str]:
+        """Return one line for each finding."""
+        compared = [own.text() for own in (*self.rates, *self.noise)]
+        words = (
+            f"{self.poses} static poses of one window each: their noise and clock are not judged"
+        )
+        still = [words] if self.poses else []
+        return [*still, *compared, *(f"{WRONG}{text}" for text in self.samples)]
+
+    @property
+    def wrong(self) -> list[str]:
+        """The lines of what is wrong."""
+        return [line for line in self.lines() if WRONG in line]
 
 
-def rate_findings(config: Config, windows: Sequence[Window], datagrams: int) -> list[Finding]:
+def data_findings(
+    config: Config,
+    windows: Sequence[Window],
+    counts: Mapping[str, Mapping[str, int]],
+    lasted_s: float,
+) -> DataFindings:
+    """Return the findings in windows.
+
+    `counts`: number of samples by source, as in the status; `lasted_s`: length of the recording.
+    """
+    if not windows:
+        return DataFindings()
+    even, poses = unwrapped(config, windows), poses_count(windows)
+    received = counts.get(IMU, {"received": 0})["received"]
+    return DataFindings(
+        rates=rate_findings(config, windows, received / lasted_s),
+        noise=() if poses else noise_findings(config, even),
+        samples=sample_findings(config, windows),
+        poses=poses,
+    )
+
+
+def range_findings(config: Config, counts: Mapping[str, Mapping[str, int]]) -> list[str]:
+    """Return a line for each source of which many samples are beyond the configured limits."""
+    joints = "torque_limit_nm, speed_limit_rad_s of joints", "mN m, degrees"
+    limits = dict.fromkeys([JOINTS, *(bus.name for bus in config.buses)], joints)
+    limits[IMU] = "imu.max_rate_rad_s, imu.acc_range_g", "deg/s, g"
+    return [
+        f"{source}: {100 * share:.0f} % of its samples are rejected, beyond {keys}; are they in "
+        f"another unit ({units})?"
+        for source, (keys, units) in limits.items()
+        if (own := counts.get(source)) is not None
+        and (share := own["reject_range"] / max(own["received"], 1)) > BEYOND
+    ]
+
+
+def with_wide_limits(config: Config) -> Config:
+    """Return a configuration, for diagnosis only, that accepts readings in any unit."""
+    joints = tuple(
+        joint.model_copy(
+            update={
+                "speed_limit_rad_s": WIDE * joint.speed_limit_rad_s,
+                "torque_limit_nm": WIDE * joint.torque_limit_nm,
+            }
+        )
+        for joint in config.joints
+    )
+    imu = config.imu
+    if imu.driver == SAMPLES:  # a codec of bytes knows its unit
+        limits = {
+            "max_rate_rad_s": WIDE * imu.max_rate_rad_s,
+            "acc_range_g": WIDE * imu.acc_range_g,
+        }
+        imu = imu.model_copy(update=limits)
+    return config.model_copy(update={"joints": joints, "imu": imu})
+
+
+def rate_findings(
+    config: Config, windows: Sequence[Window], received_hz: float
+) -> list[Comparison]:
     """Return a finding for the rate of each channel, from the median step between samples.
 
-    If far more `datagrams` are received than declared, the rate of the inertial unit is that of the
-    datagrams, because samples between the declared ones are rejected. `windows` is not empty.
+    If inertial datagrams are received at a far higher rate than declared, `received_hz`, this is
+    the rate found, because samples between the declared ones are rejected. `windows` is not empty.
     """
     found = []
     for i, bus in enumerate(config.buses):
@@ -49,38 +122,52 @@ def rate_findings(config: Config, windows: Sequence[Window], datagrams: int) -> 
         channels = [window.joints[k] for window in windows for k in members]
         found.append(_rate(f"buses.{i}.rate_hz", bus.rate_hz, channels))
     imu = config.imu
-    received_hz = datagrams * 1e9 / (windows[-1].stop_ns - windows[0].start_ns)
     if imu.present:
         accepted = _rate("imu.rate_hz", imu.rate_hz, [window.gyro for window in windows])
         rates_hz = IMU_RATES_HZ if imu.driver == "stim300" else ()
-        doubled = _compared("imu.rate_hz", imu.rate_hz, received_hz, rates_hz)
+        doubled = _compared("imu.rate_hz", imu.rate_hz, received_hz, rates_hz=rates_hz)
         found.append(doubled if received_hz > DOUBLED * imu.rate_hz else accepted)
     tracker = config.star_tracker
     if tracker is not None:
         times = np.concatenate([window.attitude.t_ns for window in windows])
-        found.append(_compared("star_tracker.rate_hz", tracker.rate_hz, _rate_of(np.diff(times))))
+        found.append(_compared("star_tracker.rate_hz", tracker.rate_hz, *_rate_of(np.diff(times))))
     return found
 
 
-def _rate(key: str, declared_hz: float, channels: Sequence[ChannelWindow]) -> Finding:
+def _rate(key: str, declared_hz: float, channels: Sequence[ChannelWindow]) -> Comparison:
     steps = [np.diff(channel.t_ns) for channel in channels if len(channel.t_ns) > 1]
-    return _compared(key, declared_hz, _rate_of(np.concatenate(steps) if steps else np.empty(0)))
+    own = _rate_of(np.concatenate(steps) if steps else np.empty(0))
+    return _compared(key, declared_hz, *own)
 
 
-def _rate_of(steps_ns: NDArray[np.generic]) -> float:
+def _rate_of(steps_ns: NDArray[np.generic]) -> tuple[float, float]:
+    """Return the rate [Hz] of the median step, and its accepted relative error; 0: no steps.
+
+    The median of n steps that scatter has a standard error of 1.25 sigma / sqrt(n).
+    """
     steps = steps_ns.astype(float)
     steps = steps[steps > 0]
-    return 1e9 / float(np.median(steps)) if steps.size else 0.0
+    if not steps.size:
+        return 0.0, RATE_TOLERANCE
+    middle = float(np.median(steps))
+    sigma = 1.48 * float(np.median(np.abs(steps - middle)))
+    error = 1.25 * sigma / middle / float(np.sqrt(steps.size))
+    return 1e9 / middle, RATE_TOLERANCE + RATE_SIGMAS * error
 
 
 def _compared(
-    key: str, declared_hz: float, found_hz: float, rates_hz: Sequence[float] = ()
-) -> Finding:
+    key: str,
+    declared_hz: float,
+    found_hz: float,
+    tolerance: float = RATE_TOLERANCE,
+    rates_hz: Sequence[float] = (),
+) -> Comparison:
     """Return the finding for a rate; `rates_hz`: rates that the device offers, empty: any."""
-    fits = abs(found_hz / declared_hz - 1.0) <= RATE_TOLERANCE
+    fits = abs(found_hz / declared_hz - 1.0) <= tolerance
     near_hz = min(rates_hz, key=lambda rate_hz: abs(rate_hz - found_hz), default=found_hz)
-    words = f"set {key} to {near_hz:.4g}" if found_hz else "no samples are used; see the warnings"
-    return Finding(key=key, declared=declared_hz, found=found_hz, wrong="" if fits else words)
+    words = rate_words(key, declared_hz, found_hz) or f"set {key} to {near_hz:.4g}"
+    words = words if found_hz else "no samples are used; see the warnings"
+    return Comparison(key=key, declared=declared_hz, found=found_hz, wrong="" if fits else words)
 
 
 def poses_count(windows: Sequence[Window]) -> int:
@@ -101,70 +188,42 @@ def poses_count(windows: Sequence[Window]) -> int:
     return len(poses) if len(poses) > 1 else 0
 
 
-def noise_findings(config: Config, windows: Sequence[Window]) -> list[Finding]:
-    """Return a finding for the noise of each channel, which is the residual of polynomial fits."""
-    found = []
-    low = config.estimator.nodes - 1
-    high = low + EXTRA_DEGREE
+def rate_words(key: str, declared_hz: float, found_hz: float) -> str:
+    """Return words on stamps in another unit than declared; empty: the rates do not show one."""
+    ratio = found_hz / declared_hz if found_hz > 0.0 else 1.0
+    for power in (1, 2, 3):
+        thousands = 1000**power
+        for factor, size in ((thousands, "small"), (1.0 / thousands, "large")):
+            if 1.0 / UNIT_RATIO < ratio / factor < UNIT_RATIO:
+                return (
+                    f"the stamps are {thousands:g} times too {size} for {key} {declared_hz:g}: "
+                    "correct the unit of time (s, ms, us, ns)"
+                )
+    return ""
+
+
+def sample_findings(config: Config, windows: Sequence[Window]) -> list[str]:
+    """Return a line for each joint whose angle wraps, or whose torque is missing too often."""
+    lines = []
     for k, joint in enumerate(config.joints):
-        channels = [window.joints[k] for window in windows]
-        angle, torque = _noise(channels, 0, high), _noise(channels, 1, high)
-        noise = {"position_noise_rad": (joint.position_noise_rad, angle)}
-        if joint.speed_noise_rad_s is not None:
-            noise = {"speed_noise_rad_s": (joint.speed_noise_rad_s, angle)}
-        if joint.torque != "none":
-            noise = {"torque_noise_nm": (joint.torque_noise_nm, torque)} | noise
-        for key, pair in joint.named(noise).items():
-            found.append(_noise_finding(f"joints.{k}.{key}", *pair))
-    imu, root = config.imu, config.imu.rate_hz**-0.5
-    if not imu.present:
-        return found
-    for key, declared, channels in (
-        ("angle_random_walk_rad_sqrt_s", imu.angle_random_walk_rad_sqrt_s, _gyro(windows)),
-        (
-            "velocity_random_walk_m_s_sqrt_s",
-            imu.velocity_random_walk_m_s_sqrt_s,
-            [window.accelerometer for window in windows],
-        ),
-    ):
-        sigma = float(np.median([_noise(channels, axis, high) for axis in range(3)]))
-        found.append(_noise_finding(f"imu.{key}", declared, sigma * root))
-    return found
-
-
-def _gyro(windows: Sequence[Window]) -> list[ChannelWindow]:
-    return [window.gyro for window in windows]
-
-
-def _noise(channels: Sequence[ChannelWindow], column: int, degree: int) -> float:
-    """Return the median over the windows of 1 sigma about a polynomial; 0: too few samples."""
-    sigmas = []
-    for channel in channels:
-        values = channel.values[:, column] if len(channel.t_ns) else np.empty(0)
-        good = np.isfinite(values)
-        if np.count_nonzero(good) < 2 * degree + 2:
+        own = [window.joints[k] for window in windows if len(window.joints[k].t_ns)]
+        if not own:
             continue
-        t = channel.t_ns[good] - channel.t_ns[good][0]
-        basis = legendre.legvander(2.0 * t / max(t[-1], 1) - 1.0, degree)
-        _, squares, rank, _ = np.linalg.lstsq(basis, values[good], rcond=None)
-        if squares.size:
-            sigmas.append(float(np.sqrt(squares[0] / (len(t) - rank))))
-    return float(np.median(sigmas)) if sigmas else 0.0
-
-
-def _noise_finding(key: str, declared: float, found: float) -> Finding:
-    words = note = ""
-    if found > NOISE_RATIO * declared:
-        words = f"the data are noisier: set {key} to {found:.3g}, or look for disturbances"
-    elif found < declared / NOISE_RATIO and found > 0.0:
-        note = f"cleaner than declared: {found:.3g} would weigh them as they deserve"
-        if found < declared / OTHER_UNIT:
-            words = (
-                f"the data are far cleaner, {found:.3g}: is {key} in another unit (degrees, hours)?"
+        stream = joined(own)
+        count = int(np.count_nonzero(np.diff(stream.turns(joint))))
+        if count:
+            lines.append(
+                f"joints.{k} ({joint.name}): its angle wraps: {count} jumps of a turn; unwrap "
+                "it where it is recorded or imported"
             )
-    elif found == 0.0:
-        words = "the readings do not change, or there are too few"
-    return Finding(key=key, declared=declared, found=found, wrong=words, note=note)
+        missing = float(np.mean(np.isnan(stream.values[:, 1])))
+        if joint.torque != "none" and missing > MISSING:
+            lines.append(
+                f"joints.{k} ({joint.name}): its torque is missing in {100 * missing:.0f} % of the "
+                f"samples; were values beyond torque_limit_nm {joint.torque_limit_nm:g} rejected? "
+                "Look at their unit (N m, mN m)"
+            )
+    return lines
 
 
 def tracker_findings(config: Config, windows: Sequence[Window]) -> list[str]:

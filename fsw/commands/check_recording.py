@@ -4,10 +4,20 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from fsw.checks.mistakes import LARGE, Verdict, explain_residuals
-from fsw.checks.recorded import noise_findings, poses_count, rate_findings, tracker_findings
+from fsw.checks.comparison import with_found
+from fsw.checks.explanation import LARGE, Verdict, explain_residuals, unexplained
+from fsw.checks.recorded import (
+    WRONG,
+    data_findings,
+    poses_count,
+    range_findings,
+    tracker_findings,
+    with_wide_limits,
+)
+from fsw.checks.trial import make_trial
 from fsw.commands.nodes import Nodes
 from fsw.commands.replay import replay, topics_of
+from fsw.commands.replay_result import ReplayResult
 from fsw.commands.span import WHOLE, Span
 from fsw.commands.stamp_checks import stamp_findings
 from fsw.commands.unused import unused_sensors
@@ -37,48 +47,95 @@ def check_recording(
     ------
     ConfigError when the recording cannot be replayed with this configuration.
     """
-    watching = Watching(config, joint_order(config, problem.model), alone=True)
-    pipeline = Pipeline(conditioner=watching, estimator=build_online(config, problem.model))
     progress(f"reading {recording}")
     nodes = Nodes(config)
-    result = replay(
-        recording, config, pipeline=pipeline, span=span, traffic=nodes, progress=progress
-    )
-    parts, poses = parts_of(recording), poses_count(watching.windows)
-    jumps = [] if poses else stamp_findings(parts, topics_of(config, contents_of(parts).topics))
-    lines = [*nodes.findings(), *(f"WRONG: {jump}" for jump in jumps)]
-    wrong = len(lines)
-    if poses:
-        lines.append(
-            f"{poses} static poses of one window each: their noise and clock are not judged"
-        )
+    result, watching = _read(recording, config, problem, span, progress, nodes)
+    lines = [*nodes.findings(), *_jumps(recording, config, watching)]
+    wrong = bool(lines)
     if result.truncated:
         lines.append(result.cut_off())
     unused = unused_sensors(result.status)
     lines += [
-        f"WRONG: {source}: {words}{_advice(source, result.status)}"
+        f"{WRONG}{source}: {words}{_advice(source, result.status)}"
         for source, words in unused.items()
     ]
-    wrong += len(unused)
-    datagrams = result.status["samples"].get("imu", {"received": 0})["received"]
-    findings = rate_findings(config, watching.windows, datagrams) if watching.windows else []
-    if len(watching.made) >= FEW_BLOCKS and not poses:
-        findings += noise_findings(config, watching.windows)
-    lines += [finding.text() for finding in findings]
-    wrong += sum(bool(finding.wrong) for finding in findings)
+    wrong |= bool(unused)
+    counts = result.status["samples"]
+    if ranged := range_findings(config, counts):
+        progress("reading it again without limits")
+        wide = with_wide_limits(config)
+        watching = _read(recording, wide, problem, span, progress, None)[1]
+    lines += [f"{WRONG}{text}" for text in ranged]
+    found = data_findings(config, watching.windows, counts, result.duration_s)
+    lines += found.lines()
     if len(watching.made) < FEW_BLOCKS:
         used = f"{len(watching.made)} of {len(watching.windows)} windows can be used"
         words = "too few to judge signs and mounting; look at rates, lost samples and channels"
-        return [*lines, f"WRONG: {used}: {words}"], False
-    verdict = explain_residuals(config, problem, watching.made, progress)
+        return [*lines, f"{WRONG}{used}: {words}"], False
+    if not config.joints:
+        return lines, not (wrong or ranged or found.wrong)
+    judged = with_found(config, found.noise)
+    trial = make_trial(judged, problem.model, watching.windows, watching.made)
+    blocks = watching.made if judged is config else trial.blocks
+    verdict = explain_residuals(trial, blocks, progress)
     told = list(dict.fromkeys([*verdict.found, *filter(None, [verdict.mounting])]))
     mounted = any(text.startswith("imu") for text in told)
-    judged = config.imu.present and not (mounted or jumps)  # the gyro checks the tracker
-    turned = tracker_findings(config, watching.windows) if judged else []
-    lines += [f"WRONG: {text}" for text in [*turned, *told]]
+    turned = [] if mounted or wrong else tracker_findings(config, watching.windows)
+    lines += [f"{WRONG}{text}" for text in [*turned, *told]]
     lines += [f"doubtful: {text}" for text in filter(None, [verdict.doubtful])]
     lines.append(_residual_words(verdict, config))
-    return lines, not (wrong or turned or told or verdict.before > LARGE)
+    return lines, not (wrong or ranged or found.wrong or turned or told or verdict.before > LARGE)
+
+
+def contradictions(
+    recording: Path, config: Config, problem: Problem, result: ReplayResult, watching: Watching
+) -> list[str]:
+    """Return the lines of `check_recording` on what is wrong, without the search for a cause.
+
+    `result` and `watching` are of a replay. Wrong nodes and unused sensors are not among the lines.
+    """
+    counts = result.status["samples"]
+    found = data_findings(config, watching.windows, counts, result.duration_s)
+    jumps = _jumps(recording, config, watching)
+    turned = [] if jumps else tracker_findings(config, watching.windows)
+    lines = [*jumps, *found.wrong]
+    lines += [f"{WRONG}{text}" for text in [*range_findings(config, counts), *turned]]
+    if len(watching.made) < FEW_BLOCKS or not config.joints:
+        return lines
+    trial = make_trial(
+        with_found(config, found.noise), problem.model, watching.windows, watching.made
+    )
+    level, words = unexplained(trial)
+    if level > LARGE:
+        size = f"residuals {level**0.5:.3g} times the declared noise"
+        words = [f"{size}; fsw check CONFIG RECORDING looks for the cause"]
+    return [*lines, *(f"{WRONG}{text}" for text in words)]
+
+
+def _jumps(recording: Path, config: Config, watching: Watching) -> list[str]:
+    """Return a line for clocks that were set, and one for missing data; none for static poses."""
+    if poses_count(watching.windows):
+        return []
+    parts = parts_of(recording)
+    found = stamp_findings(parts, topics_of(config, contents_of(parts).topics))
+    return [f"{WRONG}{text}" for text in found]
+
+
+def _read(
+    recording: Path,
+    config: Config,
+    problem: Problem,
+    span: Span,
+    progress: Callable[[str], None],
+    nodes: Nodes | None,
+) -> tuple[ReplayResult, Watching]:
+    """Replay a recording without estimating; return the result, and its windows and blocks."""
+    watching = Watching(config, joint_order(config, problem.model), alone=True)
+    pipeline = Pipeline(conditioner=watching, estimator=build_online(config, problem.model))
+    result = replay(
+        recording, config, pipeline=pipeline, span=span, traffic=nodes, progress=progress
+    )
+    return result, watching
 
 
 def _advice(source: str, status: Mapping[str, Any]) -> str:
@@ -104,7 +161,7 @@ def _residual_words(verdict: Verdict, config: Config) -> str:
     lever = "the lever arm imu.mounting.p_BS_m, " if config.imu.present else ""
     near = f" (nearest, {after}: {'; '.join(verdict.nearest)})" if verdict.nearest else ""
     return (
-        f"WRONG: {level}, and none of {verdict.tried} usual mistakes explains them{near}; is it a "
+        f"{WRONG}{level}, and none of {verdict.tried} usual mistakes explains them{near}; is it a "
         "recording of this robot and base? Look at the masses of the links (kg), the priors of "
         f"bodies, zero offsets, {lever}delays, the tool frame"
     )

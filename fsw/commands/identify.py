@@ -5,7 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from fsw.checks.recorded import WRONG
 from fsw.clock import MonotonicClock
+from fsw.commands.check_recording import contradictions
 from fsw.commands.holdout import judge, split
 from fsw.commands.holdout import to_text as holdout_text
 from fsw.commands.nodes import Nodes
@@ -13,13 +15,18 @@ from fsw.commands.replay import replay
 from fsw.commands.replay_result import ReplayResult, in_words, known_by, with_sigma
 from fsw.commands.report.collect import Collector
 from fsw.commands.span import WHOLE, Span
-from fsw.commands.unused import missed
+from fsw.commands.unused import missed, unused_sensors
+from fsw.commands.watching import Watching
 from fsw.config import Config
 from fsw.estimators.batch.run import run_batch
 from fsw.estimators.batch.screening import fits_throughout, screened
 from fsw.estimators.measurement.mrnea import Rows
+from fsw.estimators.model.building import build_problem, joint_order
 from fsw.estimators.model.problem import Problem
+from fsw.estimators.model.robot import RobotModel
+from fsw.estimators.pipeline import Pipeline
 from fsw.estimators.plausible import plausible
+from fsw.estimators.recursive.online import build_online
 from fsw.messages import Block, Estimate, FloatArray
 from fsw.messages.errors import EstimatorError
 
@@ -76,23 +83,12 @@ def identify(
     chosen = config.with_unknown(unknown) if unknown else config
     collector = Collector()
     tell(f"reading {recording}")
-    nodes = Nodes(chosen)
     alone = show is None and holdout is None and reference is None
-    result = replay(
-        recording,
-        chosen,
-        sink=collector,
-        span=span,
-        traffic=nodes,
-        progress=tell,
-        windows_only=alone and chosen.estimator.outside_wrench == "ignore",
-    )
-    warnings = [*result.warnings(), *nodes.findings()]
-    if not any(map(plausible, collector.blocks)):
-        why = warnings or ["fsw check CONFIG RECORDING says why"]
-        raise EstimatorError(f"{recording}: no window can be used; {'; '.join(why)}")
+    windows_only = alone and chosen.estimator.outside_wrench == "ignore"
+    result, warnings = _read(recording, chosen, collector, span, tell, windows_only=windows_only)
     if lines := missed(result.status, chosen, method):
         raise EstimatorError(f"{recording}: {'; '.join(lines)}")
+    wrong = unused_sensors(result.status) or any(line.startswith(WRONG) for line in warnings)
     names = tuple(chosen.unknown)
     empty = Collector()
     if reference is not None:
@@ -123,7 +119,8 @@ def identify(
         used, held = split(blocks, holdout)
         values = run_batch(chosen, used, method, names, progress, keep, empty.blocks)
         try:
-            values |= {"holdout": judge(blocks, held, *state[0])}
+            judged = judge(blocks, held, *state[0])
+            values |= {"holdout": judged | {"passed": judged["passed"] and not wrong}}
         except ValueError as error:  # LinAlgError: the base has no inertia at the estimate
             raise EstimatorError(f"--holdout: nothing can be predicted: {error}") from error
     values |= {
@@ -145,6 +142,43 @@ def identify(
         )
         show(values, made)
     return values
+
+
+def _read(
+    recording: Path,
+    config: Config,
+    collector: Collector,
+    span: Span,
+    tell: Callable[[str], None],
+    *,
+    windows_only: bool,
+) -> tuple[ReplayResult, list[str]]:
+    """Replay a recording into the collector; return the result, and what does not fit the data.
+
+    Raises
+    ------
+    EstimatorError if no window can be used.
+    """
+    nodes = Nodes(config)
+    model = RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
+    watching = Watching(config, joint_order(config, model))
+    result = replay(
+        recording,
+        config,
+        sink=collector,
+        pipeline=Pipeline(conditioner=watching, estimator=build_online(config, model)),
+        span=span,
+        traffic=nodes,
+        progress=tell,
+        windows_only=windows_only,
+    )
+    warnings = [*result.warnings(), *nodes.findings()]
+    if not any(map(plausible, collector.blocks)):
+        why = warnings or ["fsw check CONFIG RECORDING says why"]
+        raise EstimatorError(f"{recording}: no window can be used; {'; '.join(why)}")
+    tell("comparing the data with the configuration")
+    problem = build_problem(config, model)
+    return result, [*warnings, *contradictions(recording, config, problem, result, watching)]
 
 
 def frame_of(config: Config, body: str) -> str:

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from fsw.checks.recorded import rate_words
 from fsw.commands.importing.clock import RATE_RATIO, refuse_differences, refuse_disorder
 from fsw.messages import FloatArray, IntArray
 from fsw.messages.errors import ConfigError
@@ -68,9 +69,9 @@ def judged(
     found_hz = 1.0 / float(regular.mean())
     for key, declared_hz in rates_hz.items():
         if not 1.0 / RATE_RATIO < found_hz / declared_hz < RATE_RATIO:
+            advice = rate_words(key, declared_hz, found_hz) or f"set it to {found_hz:.3g}"
             raise ConfigError(
-                f"{path}: {name} come at {found_hz:.4g} Hz; {key} is {declared_hz:g}: set it to "
-                f"{found_hz:.3g}"
+                f"{path}: {name} come at {found_hz:.4g} Hz; {key} is {declared_hz:g}: {advice}"
             )
     troubles = [
         f"{words}: {count}"

@@ -1,0 +1,250 @@
+"""Find the mistakes that explain why recorded data do not fit a configuration.
+
+For each usual mistake the samples or the configuration are changed to those without it, and the
+bodies are identified again. Residuals as small as the noise show the actual mistake; hardly any
+other mistake leaves such residuals. Where several leave equally small ones, all are named.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from scipy.optimize import minimize_scalar
+
+from fsw.checks.mistakes import Mistake, usual_mistakes
+from fsw.checks.mounting import (
+    contradicted,
+    mounting_words,
+    other_words,
+    with_doubtful_mounting,
+    with_free_mounting,
+)
+from fsw.checks.trial import ITERATIONS, Fit, Trial, fitted
+from fsw.config import Config
+from fsw.estimators.model.building import body_prior, build_problem
+from fsw.estimators.model.inertia import PARAMETERS, from_parameters
+from fsw.estimators.model.problem import Problem
+from fsw.messages import Block
+from fsw.messages.errors import ConfigError
+
+LARGE = 3.0  # ratio of squared residuals to declared noise above which something is wrong
+EXPLAINED = 0.1  # largest share of the excess over noise that remains if a mistake explains it
+ALIKE = 1.5  # ratio of excesses over noise of two mistakes that explain the data equally well
+MOST_ALIKE = 3
+OR = "; or: "
+SHOWN = 20  # mistakes between two lines of progress
+WELL_EXPLAINED = 9.0  # largest ratio of squared residuals to noise after the found mistakes
+AT_ONCE = 3  # most mistakes searched for in one configuration
+FREED, FREED_M = 30.0, 3.0  # sigma of a freed base: ratio for mass and inertia; centre of mass
+FREED_ITERATIONS = 60
+FEW_PLACES, FEW_ITERATIONS = 3, 5  # at which all mistakes are compared ...
+CANDIDATES = 8  # ... of which the best ones are tried at all places
+_HALF_S = (0.02, 0.1, 0.25, 0.5, 0.75, 1.0)
+SIZES_S = (*(-size for size in _HALF_S[::-1]), 0.0, *_HALF_S)  # first sizes tried of a shift
+LEAST_OFFSET_S, OFFSET_GAIN = 4e-3, 60.0  # least shift of a clock, and of the squared residuals
+SIZE_TOLERANCE_S, SIZINGS = 2e-4, 15  # of the search for the best size
+UNFIT = 1e30  # stands for no fit in that search
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verdict:
+    """Ratio of squared residuals to noise, and the mistakes that explain the ratio."""
+
+    before: float  # ratio with the configuration as it is
+    after: float  # ratio after the changes in `found` or `nearest`
+    found: tuple[str, ...]  # mistakes that explain the data, in order found
+    nearest: tuple[str, ...]  # mistakes that help most, if they do not explain the data
+    tried: int
+    mounting: str  # fault of the inertial unit's place or attitude; empty: both fit
+    doubtful: str  # another value of arm or calibration far from its prior; empty: none
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Tried:
+    """A mistake without which the trial fits as `level` says."""
+
+    mistake: Mistake
+    size: float  # 0 for a mistake that has none
+    level: float
+    trial: Trial
+
+    @property
+    def text(self) -> str:
+        """The words of the mistake, with its size."""
+        return self.mistake.text.format(size=f"{self.size:+.4f}")
+
+
+def explain_residuals(
+    trial: Trial, blocks: Sequence[Block], progress: Callable[[str], None]
+) -> Verdict:
+    """Return the mistakes that explain large residuals; search them one after the other.
+
+    `blocks` are all blocks of the recording.
+    """
+    fit = trial.fit()
+    before, config = fit.level, trial.config
+    found, nearest, level, count = _searched(trial, before, progress)
+    if before <= LARGE:
+        found = _small_offset(trial, fit)
+    mounting = doubtful = ""
+    if not found:
+        left, mounting, doubtful = _doubted(config, trial.problem, blocks, before)
+        if before > LARGE and mounting:
+            level, found = left, [mounting]
+    if not found and before > LARGE and "base" not in config.unknown:
+        progress("trying another base")
+        freed, words = _freed_base(trial)
+        if freed <= LARGE:
+            level, found = freed, [words]
+    return Verdict(
+        before=before,
+        after=level,
+        found=tuple(found),
+        nearest=() if found else tuple(name.partition(OR)[0] for name in nearest),
+        tried=count,
+        mounting=mounting,
+        doubtful=doubtful,
+    )
+
+
+def _searched(
+    trial: Trial, level: float, progress: Callable[[str], None]
+) -> tuple[list[str], list[str], float, int]:
+    """Return mistakes that explain the data, or that help most; the ratio left; number tried."""
+    groups, count = list[list[_Tried]](), 0
+    while level > LARGE and len(groups) < AT_ONCE:
+        count, tried = _tried(trial, level, progress)
+        best = min(tried, key=lambda own: own.level)
+        if _excess(best.level) > EXPLAINED * _excess(level):
+            break
+        most = ALIKE * max(best.level, 1.0)
+        alike = sorted((own for own in tried if own.level <= most), key=lambda own: own.level)
+        groups.append(alike[:MOST_ALIKE])
+        trial, level = best.trial, best.level
+    words = _words(groups)
+    return (words, [], level, count) if level <= WELL_EXPLAINED else ([], words, level, count)
+
+
+def _words(groups: Sequence[Sequence[_Tried]]) -> list[str]:
+    """Return the words of each group of alike mistakes, the sizes of a repeated one as one sum."""
+    sizes: dict[str, float] = {}
+    for best, *_ in groups:
+        sizes[best.mistake.text] = sizes.get(best.mistake.text, 0.0) + best.size
+    words = []
+    for best, *others in groups:
+        if best.mistake.text in sizes:
+            whole = replace(best, size=sizes.pop(best.mistake.text))
+            words.append(OR.join(own.text for own in (whole, *others)))
+    return words
+
+
+def _small_offset(trial: Trial, fit: Fit) -> list[str]:
+    """Return words on a clock's offset that residuals of the size of the noise show, if any.
+
+    The squared residuals of a correct configuration fall by about 1 if a shift is freed.
+    """
+    shifts = [_sized(own, trial) for own in usual_mistakes(trial) if own.sized]
+    best = min(shifts, key=lambda own: own.level, default=None)
+    if best is None or abs(best.size) < LEAST_OFFSET_S:
+        return []
+    return [best.text] if fit.rows * (fit.level - best.level) > OFFSET_GAIN else []
+
+
+def _excess(level: float) -> float:
+    return max(level - 1.0, 0.0)
+
+
+def unexplained(trial: Trial) -> tuple[float, list[str]]:
+    """Return the ratio of squared residuals, and words on a clock's offset that small ones show."""
+    fit = trial.fit()
+    return fit.level, _small_offset(trial, fit) if fit.level <= LARGE else []
+
+
+def _tried(trial: Trial, level: float, progress: Callable[[str], None]) -> tuple[int, list[_Tried]]:
+    """Return how many mistakes were tried, and the trial without each of the best ones.
+
+    The best ones are chosen at a few of the places.
+    """
+    mistakes, few = usual_mistakes(trial), trial.thinned(FEW_PLACES)
+    progress(f"residuals {level**0.5:.3g} times the noise: trying {len(mistakes)} mistakes")
+    screened = list[_Tried]()
+    for count, mistake in enumerate(mistakes, 1):
+        sizes = SIZES_S if mistake.sized else (0.0,)
+        screened += [_without(mistake, few, size, FEW_ITERATIONS) for size in sizes]
+        if count % SHOWN == 0:
+            progress(f"{count} of {len(mistakes)} tried")
+    best: dict[Mistake, float] = {}  # the sizes that fit best
+    for own in sorted(screened, key=lambda own: own.level):
+        best.setdefault(own.mistake, own.size)
+    chosen = [*best.items()][:CANDIDATES]
+    return len(mistakes), [
+        _sized(own, trial, size) if own.sized else _without(own, trial) for own, size in chosen
+    ]
+
+
+def _without(
+    mistake: Mistake, trial: Trial, size: float = 0.0, iterations: int = ITERATIONS
+) -> _Tried:
+    changed = mistake.change(trial, size) if mistake.sized else mistake.change(trial)
+    level = changed.fit(iterations).level
+    return _Tried(mistake=mistake, size=size, level=level, trial=changed)
+
+
+def _sized(mistake: Mistake, trial: Trial, start: float = 0.0) -> _Tried:
+    """Return the trial without a mistake of the size, near `start` of SIZES_S, that fits best."""
+    near = min(max(1, SIZES_S.index(start)), len(SIZES_S) - 2)
+    tried = [_without(mistake, trial, start)]
+
+    def level(size: float) -> float:
+        tried.append(_without(mistake, trial, size))
+        return min(tried[-1].level, UNFIT)
+
+    bounds = SIZES_S[near - 1], SIZES_S[near + 1]
+    minimize_scalar(level, bounds=bounds, options={"xatol": SIZE_TOLERANCE_S, "maxiter": SIZINGS})
+    return min(tried, key=lambda own: own.level)
+
+
+def _doubted(
+    config: Config, problem: Problem, blocks: Sequence[Block], level: float
+) -> tuple[float, str, str]:
+    """Return ratio and words on mounting and other values; a wrong mounting is estimated freely."""
+    problem = with_doubtful_mounting(config, problem)
+    x = fitted(problem, blocks, FREED_ITERATIONS).mean
+    kind = contradicted(problem, x)
+    if config.imu.present and (level > LARGE or kind in ("imu_place", "imu_angle")):
+        free = fitted(with_free_mounting(problem), blocks, FREED_ITERATIONS)
+        words = mounting_words(config, problem, free.mean) if free.level <= LARGE else ""
+        if words:
+            return free.level, words, ""
+    return level, "", other_words(problem, x) if kind and level <= LARGE else ""
+
+
+def _freed_base(trial: Trial) -> tuple[float, str]:
+    """Return the ratio left if the known base is estimated, and words on the base found."""
+    config, problem = trial.config, trial.problem
+    own = config.bodies.get("base")
+    key = "the URDF's root link" if own is None else "bodies.base"
+    pi = problem.model.pi_links[:PARAMETERS] if own is None else body_prior(own)[0]
+    mass_kg, com_m, inertia = from_parameters(pi)
+    largest = float(max(inertia[k] for k in (0, 3, 5)))
+    base = {
+        "mass_kg": float(mass_kg),
+        "com_m": com_m.tolist(),
+        "inertia_kg_m2": inertia.tolist(),
+        "sigma": {
+            "mass_kg": FREED * float(mass_kg),
+            "com_m": [FREED_M] * 3,
+            "inertia_kg_m2": [FREED * largest] * 6,
+        },
+    }
+    bodies = {name: body.model_dump() for name, body in config.bodies.items()} | {"base": base}
+    try:
+        freed = config.with_sections(bodies=bodies, unknown=("base", *config.unknown))
+        wider = build_problem(freed, problem.model)
+    except ConfigError:  # such as for a clamped base
+        return float("inf"), ""
+    fit = fitted(wider, trial.blocks, FREED_ITERATIONS)
+    found_kg = fit.mean[wider.body("base")][0]
+    return fit.level, (
+        f"the known base ({key}): its data do not fit; mass {mass_kg:.4g} kg, found about "
+        f"{found_kg:.3g} kg. Correct it, or estimate it: base under unknown"
+    )
