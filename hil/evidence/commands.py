@@ -46,7 +46,8 @@ def add_parsers(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     transfers.add_argument("--out", type=Path, required=True, metavar="DIR", help="resumed there")
     transfers.set_defaults(command=_transfers)
     wrong = commands.add_parser("mistakes", help="mistakes of configuration: valid and wrong?")
-    wrong.add_argument("--case", action="append", default=[], help="target, base or both; all")
+    cases = "target, base, both, or bench_target (clamped, under gravity); all"
+    wrong.add_argument("--case", action="append", default=[], help=cases)
     wrong.add_argument("--only", action="append", default=[], metavar="NAME", help="this mistake")
     wrong.add_argument("--seed", type=seed, default=0, metavar="K", help="of priors and noise")
     wrong.add_argument(
@@ -54,6 +55,9 @@ def add_parsers(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     )
     wrong.add_argument("--robot", default="", metavar="FILE", help="a scenario of your own robot")
     wrong.add_argument("--json", action="store_true", help="print one JSON list")
+    wrong.add_argument(
+        "--recording", action="store_true", help="also import, check and identify a recording"
+    )
     wrong.set_defaults(command=_mistakes)
     _add_calibration(commands)
     _add_real(commands)
@@ -309,18 +313,19 @@ def _differential(arguments: argparse.Namespace) -> int:
 def _mistakes(arguments: argparse.Namespace) -> int:
     from dataclasses import asdict
 
-    from hil.evidence.mistakes.command import findings, line
+    from hil.evidence.mistakes.command import findings, line, summary
 
     chosen = (arguments.case, arguments.only, arguments.seed)
     found = []
-    for one in findings(*chosen, exact=arguments.exact, robot=arguments.robot):
+    for one in findings(
+        *chosen, exact=arguments.exact, robot=arguments.robot, recording=arguments.recording
+    ):
         found.append(one)
         if not arguments.json:
             print(line(one), flush=True)
-    wrong = sum(one.confidently_wrong for one in found)
-    result = json.dumps([asdict(one) for one in found])
-    print(result if arguments.json else f"{wrong} of {len(found)} valid and wrong")
-    return FAILED_EXIT if wrong else 0
+    text, passed = summary(found)
+    print(json.dumps([asdict(one) for one in found]) if arguments.json else text)
+    return 0 if passed else FAILED_EXIT
 
 
 def _transfers(arguments: argparse.Namespace) -> int:

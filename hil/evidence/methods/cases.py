@@ -78,9 +78,14 @@ class StudyRecord:
 
 @lru_cache(maxsize=8)
 def scenario_of(case: str) -> Scenario:
-    """Return the scenario of a case; FILE:CASE is a scenario file with the unknowns of the case."""
+    """Return the scenario of a case, or of this name.
+
+    FILE:CASE is a scenario file with the unknowns of the case.
+    """
     file, _, own = case.rpartition(":")
-    return replace(load(file), unknown=UNKNOWN[own]) if file else load(CASES[case])
+    if file:
+        return replace(load(file), unknown=UNKNOWN[own])
+    return load(CASES.get(case, case))
 
 
 def truth_of(case: str) -> FloatArray:

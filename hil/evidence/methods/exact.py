@@ -21,7 +21,8 @@ def exact_samples(case: str) -> TruthState:
     scenario = scenario_of(case)
     spline = JointSpline.load(scenario.identification)
     end_s = min(DURATION_S, spline.duration_s)
-    history = simulate(true_robot(scenario), spline, 0.0, end_s, 1.0 / (RATE_HZ * STEPS_PER_SAMPLE))
+    step_s = 1.0 / (RATE_HZ * STEPS_PER_SAMPLE)
+    history = simulate(true_robot(scenario), spline, 0.0, end_s, step_s, stand=scenario.stand)
     return history.at(np.arange(round(end_s * RATE_HZ)) / RATE_HZ)
 
 

@@ -130,7 +130,7 @@ def declared(
     nodes: int | None = None,
 ) -> Config:
     """Return the configuration with this noise and rate; None keeps its value of the window."""
-    joints = [
+    joints = tuple(
         joint.model_copy(
             update={
                 "position_noise_rad": max(noise.position_rad, LEAST),
@@ -138,7 +138,7 @@ def declared(
             }
         )
         for joint in config.joints
-    ]
+    )
     imu = config.imu.model_copy(
         update={
             "rate_hz": rate_hz,
@@ -150,7 +150,7 @@ def declared(
     estimator = config.estimator.model_copy(
         update={name: value for name, value in windows.items() if value is not None}
     )
-    buses = [bus.model_copy(update={"rate_hz": rate_hz}) for bus in config.buses]
+    buses = tuple(bus.model_copy(update={"rate_hz": rate_hz}) for bus in config.buses)
     update = {"joints": joints, "imu": imu, "estimator": estimator, "buses": buses}
     return config.model_copy(update=update)
 

@@ -3,14 +3,22 @@
 from collections.abc import Iterator, Sequence
 
 from hil.evidence.mistakes.run import Finding, run
-from hil.evidence.mistakes.table import mistakes
+from hil.evidence.mistakes.table import NONE, mistakes
 from hil.world.scenario import ScenarioError
 
 CASES = ("target", "base", "both")
+CLAMPED = "bench_target"  # under gravity
+NAMED_SHARE = 0.9  # least share of the harmful mistakes whose cause is named
 
 
 def findings(
-    cases: Sequence[str], only: Sequence[str], seed: int, *, exact: bool, robot: str = ""
+    cases: Sequence[str],
+    only: Sequence[str],
+    seed: int,
+    *,
+    exact: bool,
+    robot: str = "",
+    recording: bool = False,
 ) -> Iterator[Finding]:
     """Yield the result of every mistake; `robot` is a scenario file, or empty for the bench's.
 
@@ -18,13 +26,35 @@ def findings(
     ------
     ScenarioError for an unknown name of a mistake or case.
     """
-    for names, known in ((only, tuple(mistakes())), (cases, CASES)):
+    every = CASES if robot else (*CASES, CLAMPED)
+    for names, known in ((only, tuple(mistakes())), (cases, every)):
         for name in names:
             if name not in known:
                 raise ScenarioError(f"{name!r} must be one of {', '.join(known)}")
-    for case in cases or CASES:
+    for case in cases or every:
+        own = f"{robot}:{case}" if robot else case
         for name in only or mistakes():
-            yield run(f"{robot}:{case}" if robot else case, name, seed, exact=exact)
+            yield run(own, name, seed, exact=exact, recording=recording)
+
+
+def summary(found: Sequence[Finding]) -> tuple[str, bool]:
+    """Return a line that counts the results, and whether they are within their bounds.
+
+    No output may be valid and wrong. Of the mistakes that do harm, nine of ten must be named; and
+    a correct configuration must not be called wrong.
+    """
+    wrong = sum(own.confidently_wrong for own in found)
+    text = f"{wrong} of {len(found)} valid and wrong"
+    recorded = [own for own in found if own.recorded or own.refused]
+    if not recorded:
+        return text, not wrong
+    harmful = [own for own in recorded if own.mistake != NONE and not own.harmless]
+    named = sum(own.named for own in harmful)
+    right = [own for own in recorded if own.mistake == NONE]
+    false = sum(bool(own.findings) for own in right)
+    text += f"; {named} of {len(harmful)} harmful ones named by check"
+    text += f"; {false} of {len(right)} correct ones called wrong"
+    return text, not wrong and not false and named >= NAMED_SHARE * len(harmful)
 
 
 def line(found: Finding) -> str:
@@ -34,8 +64,13 @@ def line(found: Finding) -> str:
         return f"{case:6} {found.mistake:34} refused: {found.refused}"
     mark = "WRONG" if found.confidently_wrong else ""
     state = "valid" if found.valid else found.reason
+    named = {True: "named", False: "NOT NAMED"}[found.named]
+    named = "harmless" if found.harmless else named
+    recorded = (
+        f"; recorded {found.recorded} {found.recorded_z:.1f}, {named}" if found.recorded else ""
+    )
     return (
         f"{case:6} {found.mistake:34} {state:22} {found.z:7.1f} sigma, mass "
         f"{found.mass_z:6.1f} of +-{found.mass_sigma:.2%}; {found.outputs} valid, {found.wrong} "
-        f"wrong; batch {found.batch} {found.batch_z:.1f} {mark}"
+        f"wrong; batch {found.batch} {found.batch_z:.1f}{recorded} {mark}"
     ).rstrip()

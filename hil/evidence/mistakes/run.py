@@ -34,7 +34,9 @@ from hil.evidence.methods.sensed import (
     with_biases,
     with_noise,
 )
-from hil.evidence.mistakes.table import wrong
+from hil.evidence.mistakes.readings import Readings, read, sent
+from hil.evidence.mistakes.recording import judged
+from hil.evidence.mistakes.table import mistakes, wrong
 from hil.judge.outcome import CONFIDENT, worst
 from hil.world.inertia import FloatArray
 
@@ -66,15 +68,36 @@ class Finding:
     batch: str  # status of the batch; FAILED if it raised an error
     batch_z: float  # z of the batch
     batch_note: str
+    recorded: str  # status of `fsw identify` on a recording of the readings; empty: none was made
+    recorded_z: float  # z of that result
+    named: bool  # whether `fsw check` or `fsw import` names the mistake
+    findings: tuple[str, ...]  # what they say does not fit
 
     @property
     def confidently_wrong(self) -> bool:
-        """Whether any recursive estimate or the batch was valid and wrong."""
-        return self.wrong > 0 or (self.batch == "OK" and self.batch_z > CONFIDENT)
+        """Whether any recursive estimate, the batch or the recording's was valid and wrong."""
+        batches = ((self.batch, self.batch_z), (self.recorded, self.recorded_z))
+        return self.wrong > 0 or any(own == "OK" and z > CONFIDENT for own, z in batches)
+
+    @property
+    def harmless(self) -> bool:
+        """Whether everything is valid and right, so that nothing need be named."""
+        valid = self.valid and self.batch == "OK" and self.recorded in ("", "OK")
+        return valid and not self.confidently_wrong
 
 
-def run(case: str, mistake: str, seed: int, blocks: int = 100, *, exact: bool = False) -> Finding:
+def run(
+    case: str,
+    mistake: str,
+    seed: int,
+    blocks: int = 100,
+    *,
+    exact: bool = False,
+    recording: bool = False,
+) -> Finding:
     """Return the result of a mistake, from at most `blocks` windows.
+
+    `recording`: also import, check and identify a log of the readings.
 
     `exact`: the configuration declares arm and calibration as exactly known; otherwise their
     uncertainties have the default values.
@@ -90,7 +113,7 @@ def run(case: str, mistake: str, seed: int, blocks: int = 100, *, exact: bool = 
         (folder / "wrong.yaml").write_text(yaml.safe_dump(document), encoding="utf-8")
         try:
             used = load(folder / "wrong.yaml")
-            found = _judge(case, right, used, seed, blocks)
+            found = _judge(case, right, used, seed, blocks, mistake, folder if recording else None)
         except FswError as error:
             found = _nothing(str(error).splitlines()[0])
         return replace(found, case=case, mistake=mistake, seed=seed)
@@ -103,7 +126,15 @@ def leave_to_the_defaults(document: dict[str, Any]) -> None:
             section.pop(key, None)
 
 
-def _judge(case: str, right: Config, used: Config, seed: int, count: int) -> Finding:
+def _judge(
+    case: str,
+    right: Config,
+    used: Config,
+    seed: int,
+    count: int,
+    mistake: str,
+    folder: Path | None,
+) -> Finding:
     noise = SENSOR_SETS[SENSORS]
     scale = used.joints[0].torque_noise_nm / right.joints[0].torque_noise_nm
     told = replace(
@@ -113,8 +144,12 @@ def _judge(case: str, right: Config, used: Config, seed: int, count: int) -> Fin
         rate_rad_s=scale * noise.rate_rad_s,
         acceleration_m_s2=scale * noise.acceleration_m_s2,
     )
-    config = declared(used, told, RATE_HZ, window_s=WINDOW_S, nodes=NODES)
-    made = condition(as_read(samples(case, right, seed), right, config), config, RATE_HZ)[:count]
+    is_set = used.estimator.window_s != right.estimator.window_s
+    window_s = used.estimator.window_s if is_set else WINDOW_S
+    config = declared(used, told, RATE_HZ, window_s=window_s, nodes=NODES)
+    channels = samples(case, right, seed)
+    devices = mistakes()[mistake].readings(sent(channels, right))
+    made = condition(read(devices, channels, right, config), config, RATE_HZ)[:count]
     online = build_online(
         config, RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
     )
@@ -128,8 +163,32 @@ def _judge(case: str, right: Config, used: Config, seed: int, count: int) -> Fin
                 wrong += 1
                 lag, bound = (estimate.extra[k] for k in ("innovation_lag1", LAG_BOUND))
                 beyond += lag > bound
-    final = online.finish()
-    return _found(final, truth, outputs, wrong, beyond, online.events(), _batch(config, made))
+    final, batch = online.finish(), _batch(config, made)
+    found = _found(final, truth, outputs, wrong, beyond, online.events(), batch)
+    if folder is None:
+        return found
+    same_span = devices.first(round(count * window_s * RATE_HZ))
+    return _with_recording(found, mistake, truth, same_span, right, config, folder)
+
+
+def _with_recording(
+    found: Finding,
+    mistake: str,
+    truth: Mapping[str, FloatArray],
+    devices: Readings,
+    right: Config,
+    used: Config,
+    folder: Path,
+) -> Finding:
+    own = judged(devices, right, used, folder)
+    words = mistakes()[mistake].words
+    return replace(
+        found,
+        recorded=own.status,
+        recorded_z=_batch_worst(own.values, truth) if own.values else float("inf"),
+        named=any(word in line for word in words for line in own.findings),
+        findings=own.findings,
+    )
 
 
 LAG_BOUND = "innovation_lag1_bound"
@@ -164,6 +223,10 @@ def _found(
         batch="FAILED" if batch is None else str(batch["status"]),
         batch_z=float("inf") if batch is None else _batch_worst(batch, truth),
         batch_note="" if batch is None else str(batch["note"]),
+        recorded="",
+        recorded_z=float("inf"),
+        named=False,
+        findings=(),
     )
 
 
@@ -185,6 +248,10 @@ def _nothing(why: str) -> Finding:
         batch="",
         batch_z=float("inf"),
         batch_note="",
+        recorded="",
+        recorded_z=float("inf"),
+        named=True,  # by the refusal
+        findings=(),
     )
 
 
@@ -213,28 +280,6 @@ def samples(
     if torque_fading:
         unit["torque"] = faded(unit["torque"], torque_fading)
     return with_biases(with_noise(sensed(state, right), noise, unit), right, rng)
-
-
-def as_read(channels: Channels, right: Config, used: Config) -> Channels:
-    """Return the samples as the configuration `used` reads devices that `right` describes.
-
-    Nodes send sign x (q + zero) and sign x torque. The time of an inertial sample is its arrival
-    less the configured group delay, so a wrong delay shifts the inertial samples.
-    """
-    q, tau = np.empty_like(channels.q_rad), np.empty_like(channels.tau_nm)
-    nodes = [joint.node_id for joint in right.joints]
-    for k, joint in enumerate(used.joints):
-        own = nodes.index(joint.node_id)
-        sent = right.joints[own]
-        angle = sent.sign * (channels.q_rad[:, own] + sent.zero_offset_rad)
-        q[:, k] = joint.sign * angle - joint.zero_offset_rad
-        tau[:, k] = joint.sign * joint.torque_gain * sent.sign * channels.tau_nm[:, own]
-        tau[:, k] -= joint.torque_offset_nm
-    late = used.imu.gyro_group_delay_s - right.imu.gyro_group_delay_s
-    shift = round(late * RATE_HZ)
-    w = np.roll(channels.w_NS_S_rad_s, -shift, axis=0)
-    f = np.roll(channels.f_NS_S_m_s2, -shift, axis=0)
-    return replace(channels, q_rad=q, tau_nm=tau, w_NS_S_rad_s=w, f_NS_S_m_s2=f)
 
 
 def _batch_worst(batch: Mapping[str, Any], truth: Mapping[str, FloatArray]) -> float:

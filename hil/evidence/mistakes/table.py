@@ -1,52 +1,109 @@
-"""The mistakes: each one changes the flight configuration or the robot file, and nothing else.
+"""The mistakes: each changes the flight configuration, the robot file or the readings of devices.
 
 A mistake changes the document of a correct configuration in place, as a user might have written
-it. The text of the robot file is under the document's key `_urdf`.
+it, or the readings of correct devices. The text of the robot file is under the document's key
+`_urdf`. `words` are those by which `fsw check`, or `fsw import` before it, names the mistake.
 """
 
 import copy
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from hil.evidence.mistakes.readings import Readings
 from hil.world.base_urdf import change_links, child_links
 from hil.world.inertia import FloatArray
 
 Document = dict[str, Any]
 ALL = range(64)  # all joints of any robot
 Change = Callable[[Document], None]
+NONE = "none"
+G_M_S2 = 9.80665
+FRICTION_NM, FRICTION_NMS_RAD, FRICTION_RAD_S = 0.5, 0.8, 0.01
 
 
-def mistakes() -> Mapping[str, Change]:
+def _as_they_are(readings: Readings) -> Readings:
+    return readings
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Mistake:
+    """A change of the configuration and of the readings, and words for it."""
+
+    change: Change = lambda _: None
+    readings: Callable[[Readings], Readings] = _as_they_are
+    words: tuple[str, ...] = ()  # one of them names the mistake
+
+
+def mistakes() -> Mapping[str, Mistake]:
     """Return the mistakes by name; the first one changes nothing."""
-    return {
-        "none": lambda _: None,
-        "sign of joint 2": _sign(1),
-        "joints 3 and 4 swapped": _swapped(2, 3),
-        "zero of joint 2 off 0.05 deg": _zeros([1], 0.05),
-        "zero of joint 2 off 0.5 deg": _zeros([1], 0.5),
-        "zero of joint 4 off 5 deg": _zeros([3], 5.0),
-        "all zeros off 0.5 deg": _zeros(ALL, 0.5),
-        "IMU turned 0.1 deg": _turned(0.1),
-        "IMU turned 2 deg": _turned(2.0),
-        "IMU turned 90 deg": _turned(90.0),
-        "lever arm off 0.2 m": _lever(0.2),
-        "IMU group delay off 20 ms": _delay(0.02),
-        "quaternion order of the IMU": _order,
-        "link 4 off 20 %": _links(1.2, [3]),
-        "all links off 1 %": _links(1.01),
-        "all links off 20 %": _links(1.2),
-        "known base off 1 %": _base(1.01),
-        "known base off 20 %": _base(1.2),
-        "torque gain of joint 2 off 5 %": _gain([1], 1.05),
-        "torque gain of all off 0.5 %": _gain(ALL, 1.005),
-        "torque gain of all off 5 %": _gain(ALL, 1.05),
-        "noise declared ten times too small": _noise(0.1),
-        "prior wrong and tight": _prior(1.5, 0.02),
+    return {NONE: Mistake(), **_configurations(), **_readings()}
+
+
+def _configurations() -> Mapping[str, Mistake]:
+    zero, links = ("zero_offset_rad of joints",), ("masses and inertias of the robot's links",)
+    mounting, gain = ("imu.mounting",), ("torque_gain of joints", "torque_gain")
+    base = ("the known base", *links)
+    rows: Mapping[str, tuple[Change, tuple[str, ...]]] = {
+        "sign of joint 2": (_sign(1), ("joints.1.sign",)),
+        "joints 3 and 4 swapped": (_swapped(2, 3), ("joints.2.node_id and joints.3.node_id",)),
+        "zero of joint 2 off 0.05 deg": (_zeros([1], 0.05), zero),
+        "zero of joint 2 off 0.5 deg": (_zeros([1], 0.5), zero),
+        "zero of joint 4 off 5 deg": (_zeros([3], 5.0), zero),
+        "all zeros off 0.5 deg": (_zeros(ALL, 0.5), zero),
+        "IMU turned 0.1 deg": (_turned(0.1), mounting),
+        "IMU turned 2 deg": (_turned(2.0), mounting),
+        "IMU turned 90 deg": (_turned(90.0), mounting),
+        "lever arm off 0.2 m": (_lever(0.2), ("imu.mounting.p_BS_m",)),
+        "IMU group delay off 20 ms": (_delay(0.02), ("imu: its clock differs",)),
+        "quaternion order of the IMU": (_order, ("order w x y z", "Set q_BS_xyzw")),
+        "link 4 off 20 %": (_links(1.2, [3]), links),
+        "all links off 1 %": (_links(1.01), links),
+        "all links off 20 %": (_links(1.2), links),
+        "known base off 1 %": (_base(1.01), base),
+        "known base off 20 %": (_base(1.2), base),
+        "torque gain of joint 2 off 5 %": (_gain([1], 1.05), gain),
+        "torque gain of all off 0.5 %": (_gain(ALL, 1.005), gain),
+        "torque gain of all off 5 %": (_gain(ALL, 1.05), gain),
+        "noise declared ten times too small": (_noise(0.1), ("the data are noisier",)),
+        "noise declared 1.6 times too small": (_noise(1.0 / 1.6), ("the data are noisier",)),
+        "prior wrong and tight": (_prior(1.5, 0.02), ("the prior",)),
+        "gravity of the other sign": (_gravity, ("gravity points the other way",)),
+        "window of 4 s": (_window(4.0), ("window too long for this motion",)),
     }
+    return {name: Mistake(change=change, words=words) for name, (change, words) in rows.items()}
+
+
+def _readings() -> Mapping[str, Mistake]:
+    torque_units = ("1000 times too", "torque_limit_nm", "beyond")
+    rows: Mapping[str, tuple[Callable[[Readings], Readings], tuple[str, ...]]] = {
+        "all torques reversed": (_scaled("torque", -1.0), ("all torques count the other way",)),
+        "all positions reversed": (_scaled("position", -1.0), ("all positions count the other",)),
+        "torques of joints 2 and 3 exchanged": (_exchanged("torque"), ("torques are exchanged",)),
+        "angles of joints 2 and 3 exchanged": (
+            _exchanged("position"),
+            ("positions are exchanged",),
+        ),
+        "friction not declared": (_rubbed, ("friction that is not declared",)),
+        "torques 10 ms late": (_late("t_torque_s", 0.01), ("stamps of torques and positions",)),
+        "IMU 10 ms late": (_late("t_imu_s", 0.01), ("imu: its clock differs",)),
+        "IMU 30 ms early": (_late("t_imu_s", -0.03), ("imu: its clock differs",)),
+        "IMU 0.9 s late": (_late("t_imu_s", 0.9), ("imu: its clock differs",)),
+        "specific force in g": (_scaled("force", 1.0 / G_M_S2), ("specific force is in g",)),
+        "rates in deg/s": (_scaled("rate", math.degrees(1.0)), ("rates are in degrees", "beyond")),
+        "angles in degrees": (
+            _scaled("position", math.degrees(1.0)),
+            ("angles are in degrees", "degrees", "out of reach"),
+        ),
+        "torques in mN m": (_scaled("torque", 1e3), torque_units),
+        "torques in kN m": (_scaled("torque", 1e-3), torque_units),
+        "angles wrap at pi": (_wrapped, ("angle wraps", "wrap")),
+    }
+    return {name: Mistake(readings=change, words=words) for name, (change, words) in rows.items()}
 
 
 def wrong(name: str, document: Mapping[str, Any], urdf: str) -> tuple[Document, str]:
@@ -55,7 +112,7 @@ def wrong(name: str, document: Mapping[str, Any], urdf: str) -> tuple[Document, 
     `name` is the mistake. The arguments stay unchanged.
     """
     changed = copy.deepcopy(dict(document)) | {"_urdf": urdf}
-    mistakes()[name](changed)
+    mistakes()[name].change(changed)
     text: str = changed.pop("_urdf")
     return changed, text
 
@@ -165,3 +222,46 @@ def _prior(factor: float, sigma_ratio: float) -> Change:
             body["sigma"]["mass_kg"] = sigma_ratio * body["mass_kg"]
 
     return change
+
+
+def _gravity(document: Document) -> None:
+    if "base" in document and "gravity_B_m_s2" in document["base"]:
+        down = document["base"]["gravity_B_m_s2"]
+        document["base"]["gravity_B_m_s2"] = [-value for value in down]
+
+
+def _window(seconds: float) -> Change:
+    def change(document: Document) -> None:
+        document["estimator"] = {**document.get("estimator", {}), "window_s": seconds}
+
+    return change
+
+
+def _scaled(name: str, factor: float) -> Callable[[Readings], Readings]:
+    return lambda readings: replace(readings, **{name: factor * getattr(readings, name)})
+
+
+def _late(name: str, seconds: float) -> Callable[[Readings], Readings]:
+    return lambda readings: replace(readings, **{name: seconds + getattr(readings, name)})
+
+
+def _exchanged(name: str) -> Callable[[Readings], Readings]:
+    def change(readings: Readings) -> Readings:
+        values = getattr(readings, name).copy()
+        values[:, [1, 2]] = values[:, [2, 1]]
+        return replace(readings, **{name: values})
+
+    return change
+
+
+def _rubbed(readings: Readings) -> Readings:
+    speed = np.gradient(readings.position, readings.t_joint_s, axis=0)
+    coulomb = FRICTION_NM * np.tanh(speed / FRICTION_RAD_S)
+    return replace(readings, torque=readings.torque + coulomb + FRICTION_NMS_RAD * speed)
+
+
+def _wrapped(readings: Readings) -> Readings:
+    """Return the readings with joint 1 a turn lower where it is above its median."""
+    position = readings.position.copy()
+    position[:, 0] -= 2.0 * math.pi * (position[:, 0] > np.median(position[:, 0]))
+    return replace(readings, position=position)
