@@ -22,6 +22,7 @@ from fsw.messages import ChannelWindow, FloatArray, IntArray, Window
 
 OTHER_UNIT = 30.0  # declared noise too large by this ratio: a wrong unit gives 57 or 60
 NOISIER = 1.4  # ratio of found to declared noise above which the configuration is wrong
+CHANCE = 6.0  # over the root of the number of samples: 3 standard errors of noise by differences
 NOTED = 1.2  # above this ratio a note says so
 CLEANER = 2.0  # ratio of declared to found noise above which a note says so
 ORDER = 6  # of the differences
@@ -58,7 +59,8 @@ def noise_findings(config: Config, windows: Sequence[Window]) -> list[Comparison
     for key, declared, scale, columns in _channels(config, judged):
         each = [_noise_of(channels, column, degree) for channels, column in columns]
         middle = sorted(each, key=lambda noise: noise.sigma)[len(each) // 2]
-        found.append(_noise_finding(key, declared, middle.sigma * scale))
+        chance = _chance([piece for noise in each for piece in noise.pieces])
+        found.append(_noise_finding(key, declared, middle.sigma * scale, 1.0 + chance))
         least = max(middle.sigma, declared / scale)
         if middle.misfit > MISFIT * least:
             misfits[key] = middle, least
@@ -100,14 +102,15 @@ def _noise_of(channels: Sequence[ChannelWindow], column: int, degree: int) -> No
     """Return the noise of a channel in its moving windows; if there are few, in all windows."""
     pieces = [_finite(channel, column) for channel in channels]
     pieces = [(t, x) for t, x in pieces if len(t) >= 2 * degree + 2]
-    sigmas = np.array([difference_sigma(t, x) for t, x in pieces])
-    if not len(sigmas) or not sigmas.any():
+    everywhere = difference_sigma(*pieces)
+    if not everywhere:
         return Noise(sigma=0.0)
-    ranges = np.array([np.ptp(x) for _, x in pieces])
-    moving = np.flatnonzero(ranges > MOVED * np.median(sigmas))
-    used = moving if len(moving) >= min(len(pieces), 3) else np.arange(len(pieces))
-    sigma, judged = float(np.median(sigmas[used])), [pieces[k] for k in used]
-    whole = _residual(judged, degree)
+    moving = [(t, x) for t, x in pieces if np.ptp(x) > MOVED * everywhere]
+    judged = moving if len(moving) >= min(len(pieces), 3) else pieces
+    sigma = difference_sigma(*judged)
+    whole, middle = _residual(judged, degree), _residual(judged, degree, 0.5)
+    if abs(middle / sigma - 1.0) < _chance(judged):  # the residual is noise, and tells it better
+        sigma = middle
     if whole <= COLOURED * sigma:
         return Noise(sigma=sigma, pieces=judged)
     halves = [half for piece in judged for half in _halves(piece, degree)]
@@ -130,31 +133,43 @@ def _halves(piece: Piece, degree: int) -> list[Piece]:
     return [] if half < degree + 3 else [(t_ns[:half], x[:half]), (t_ns[half:], x[half:])]
 
 
-def _residual(pieces: Sequence[Piece], degree: int) -> float:
-    """Return the upper quartile over windows of the residual of their polynomials."""
-    return float(np.quantile([residual_sigma(*piece, degree) for piece in pieces] or [0.0], 0.75))
+def _residual(pieces: Sequence[Piece], degree: int, share: float = 0.75) -> float:
+    """Return the quantile over windows, at `share`, of the residual of their polynomials."""
+    return float(np.quantile([residual_sigma(*piece, degree) for piece in pieces] or [0.0], share))
 
 
-def difference_sigma(t_ns: IntArray, x: FloatArray, order: int = ORDER) -> float:
-    """Return 1 sigma of white noise on samples x (k,) of a smooth motion at t (k,); 0: too few.
+def _chance(pieces: Sequence[Piece]) -> float:
+    """Return three relative standard errors of the noise by differences."""
+    return CHANCE / float(np.sqrt(max(1, sum(len(x) for _, x in pieces))))
+
+
+def difference_sigma(*pieces: Piece) -> float:
+    """Return 1 sigma of white noise on pieces of a smooth motion; 0: none, or too few samples.
+
+    The larger half of all differences, with those at a spike, is left out.
+    """
+    squares = np.sort(np.concatenate([np.empty(0), *(_differences(*own) ** 2 for own in pieces)]))
+    kept = squares[: round((1.0 - TRIMMED) * len(squares))]
+    if not kept.any():  # few samples, or coarse readings of a slow motion, which seldom change
+        return float(np.sqrt(squares.mean())) if len(squares) else 0.0
+    return float(np.sqrt(kept.mean() / WITHIN))
+
+
+def _differences(t_ns: IntArray, x: FloatArray) -> FloatArray:
+    """Return the divided differences of samples x (k,) at t (k,), (k - ORDER,), scaled to noise.
 
     Weights of a divided difference of order p are 1 / prod(t_k - t_j) over its p + 1 samples; they
-    cancel every polynomial of a lower degree. The larger half of the differences, with those at a
-    spike, is left out.
+    cancel every polynomial of a lower degree.
     """
-    count = len(x) - order
+    count = len(x) - ORDER
     if count < 1:
-        return 0.0
-    at = np.arange(count)[:, None] + np.arange(order + 1)
+        return np.empty(0)
+    at = np.arange(count)[:, None] + np.arange(ORDER + 1)
     t = (t_ns - t_ns[0]) / max(float(np.ptp(t_ns)), 1.0) * len(t_ns)
-    gaps = t[at][:, :, None] - t[at][:, None, :] + np.eye(order + 1)
+    gaps = t[at][:, :, None] - t[at][:, None, :] + np.eye(ORDER + 1)
     weights = 1.0 / gaps.prod(axis=2)
     weights /= np.linalg.norm(weights, axis=1, keepdims=True)
-    squares = np.sort(np.sum(weights * x[at], axis=1) ** 2)
-    kept = squares[: max(1, round((1.0 - TRIMMED) * count))]
-    if len(kept) == count or not kept.any():  # coarse readings of a slow motion seldom change
-        return float(np.sqrt(squares.mean()))
-    return float(np.sqrt(kept.mean() / WITHIN))
+    return np.asarray(np.sum(weights * x[at], axis=1))
 
 
 def residual_sigma(t_ns: IntArray, x: FloatArray, degree: int) -> float:
@@ -165,12 +180,12 @@ def residual_sigma(t_ns: IntArray, x: FloatArray, degree: int) -> float:
     return float(np.sqrt(squares[0] / (len(t) - rank))) if squares.size else 0.0
 
 
-def _noise_finding(key: str, declared: float, found: float) -> Comparison:
+def _noise_finding(key: str, declared: float, found: float, chance: float) -> Comparison:
     words = note = ""
-    noisier = found > NOISIER * declared
+    noisier = found > NOISIER * chance * declared
     if noisier:
         words = f"the data are noisier: set {key} to {found:.3g}, or look for disturbances"
-    elif found > NOTED * declared:
+    elif found > NOTED * chance * declared:
         note = f"a little noisier than declared: set {key} to {found:.3g}"
     elif found == 0.0:
         words = "the readings do not change, or there are too few"

@@ -64,11 +64,6 @@ def rubbing(joints: Columns, *_: object) -> None:
         joints[f"tau_joint{k}"] = joints[f"tau_joint{k}"] + friction
 
 
-def wrapped(joints: Columns, *_: object) -> None:
-    q = joints["q_joint1"]
-    joints["q_joint1"] = q - 2.0 * math.pi * (q > np.median(q))
-
-
 def with_wide_limits(change: Callable[..., None]) -> Callable[..., None]:
     """Also set limits as placeholders of a URDF, so that import and sources accept the values."""
 
@@ -101,7 +96,6 @@ UNDER_GRAVITY = {
     "angles in degrees": with_wide_limits(scaled("q_", math.degrees(1.0))),
     "torques in mN m": with_wide_limits(scaled("tau_", 1e3)),
     "gravity of the other sign": gravity_up,
-    "angle that wraps": wrapped,
 }
 IN_FREE_FLOAT = {
     "clock of the inertial unit 10 ms late": late(0.01),

@@ -64,7 +64,7 @@ def test_differences_show_the_noise_whatever_the_motion(hz: float, jitter: float
     t_ns = grid(rng, jitter)
     noise = rng.normal(0.0, 1e-4, len(t_ns))
     noise[100::97] += 0.1  # spikes
-    assert difference_sigma(t_ns, motion(t_ns * 1e-9, hz) + noise) == pytest.approx(1e-4, rel=0.1)
+    assert difference_sigma((t_ns, motion(t_ns * 1e-9, hz) + noise)) == pytest.approx(1e-4, rel=0.1)
 
 
 def test_the_misfit_of_a_window_is_not_taken_for_noise_and_a_shorter_window_is_named() -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from fsw.checks.explanation import explain_residuals, unexplained
+from fsw.checks.recorded import sample_findings
 from fsw.checks.trial import ACCELEROMETER, GYRO, Stream, Trial, joined, make_trial, unwrapped
 from fsw.estimators.conditioning import build_conditioner
 from tests.support.estimator_cases import make_config, motion, robot_model, windows
@@ -94,3 +95,6 @@ def test_windows_are_unwrapped_from_one_to_the_next(made):
         changed.append(replace(window, joints=joints))
     even = joined([w.joints[0] for w in unwrapped(trial.config, changed)]).values[:, 0]
     assert np.ptp(even - q) < 1e-9
+    (line,) = sample_findings(trial.config, changed)
+    assert "joints.0 (joint1): its angle wraps" in line
+    assert sample_findings(trial.config, own) == []
