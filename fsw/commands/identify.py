@@ -88,7 +88,7 @@ def identify(
     result, warnings = _read(recording, chosen, collector, span, tell, windows_only=windows_only)
     if lines := missed(result.status, chosen, method):
         raise EstimatorError(f"{recording}: {'; '.join(lines)}")
-    wrong = unused_sensors(result.status) or any(line.startswith(WRONG) for line in warnings)
+    wrong = unused_sensors(result.status) or any(WRONG in line for line in warnings)
     names = tuple(chosen.unknown)
     empty = Collector()
     if reference is not None:
