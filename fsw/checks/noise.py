@@ -123,6 +123,7 @@ def _noise_of(channels: Sequence[ChannelWindow], column: int, degree: int) -> No
 def _finite(channel: ChannelWindow, column: int) -> Piece:
     values = channel.values[:, column] if len(channel.t_ns) else np.empty(0)
     good = np.isfinite(values)
+    good[1:] &= np.diff(channel.t_ns) > 0  # a clock that was set back gives a time twice
     return channel.t_ns[good], values[good]
 
 

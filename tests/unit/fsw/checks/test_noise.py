@@ -120,3 +120,14 @@ def test_noise_in_motion_counts_not_that_at_rest() -> None:
     q = q + rng.normal(0.0, np.where(moves, 3.0, 1.0) * SIGMA_RAD, len(t_ns))
     found = findings(q, rng.normal(0.0, SIGMA_NM, len(t_ns)), t_ns)["joints.0.position_noise_rad"]
     assert found.found == pytest.approx(3.0 * SIGMA_RAD, rel=0.2)
+
+
+def test_a_time_that_comes_twice_is_used_once() -> None:
+    rng = np.random.default_rng(10)
+    t_ns = grid(rng)
+    q = motion(t_ns * 1e-9, 0.2) + rng.normal(0.0, SIGMA_RAD, len(t_ns))
+    tau = rng.normal(0.0, SIGMA_NM, len(t_ns))
+    t_ns[101::100] = t_ns[100::100]
+    found = findings(q, tau, t_ns)
+    assert not found["joints.0.position_noise_rad"].wrong
+    assert found["joints.0.torque_noise_nm"].found == pytest.approx(SIGMA_NM, rel=0.1)
