@@ -7,7 +7,7 @@ from typing import Any
 
 from scipy.stats import beta
 
-from fsw.false_alarms import FLIGHT_RATE, SHARES
+from fsw.false_alarms import FLIGHT_RATE, SHARES, rate
 from hil.evidence import runner
 from hil.evidence.alarms.case import BYTES, SAMPLES, Case, work
 from hil.evidence.provenance import commit
@@ -20,7 +20,7 @@ SCENARIOS = (
     *("mev", "dual_arm", "tumbling_target"),
 )
 STATED: Mapping[str, float] = {
-    **{check: SHARES[check] for check in ("gate", "outside", "change", "sensor", "prior")},
+    **{check: rate(check) for check in ("gate", "outside", "change", "sensor", "prior")},
     **{check: SHARES[check] for check in ("level", "consistency", "sample")},
     "mismatch": SHARES["slow"] + SHARES["colour"],
     "reset": 0.0,
