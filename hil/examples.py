@@ -10,6 +10,7 @@ EXAMPLES = {
     "fuzz": "hil fuzz --inputs 1e6 --only stim300 --out runs/fuzz",
     "kills": "hil kills --count 20 --out runs/kills",
     "transfers": "hil transfers --count 20 --out runs/transfers",
+    "alarms": "hil alarms --scenario target_leo --samples 100 --bytes 10 --out runs/alarms",
     "mistakes": "hil mistakes --case target --only 'prior wrong and tight'",
     "rough": "hil rough --case target --count 50 --out runs/rough",
     "differential": "hil differential --count 3",

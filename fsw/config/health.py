@@ -3,7 +3,7 @@
 from pydantic import Field
 
 from fsw.config.base import Positive, Section
-from fsw.false_alarms import per_test
+from fsw.messages.false_alarms import per_test
 
 
 class HealthConfig(Section):

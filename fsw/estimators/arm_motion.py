@@ -192,7 +192,8 @@ class ArmConditioner:
                 tau[:, k] = torque.values[:, 0]
         for found in {id(torque.fit): torque for torque in torques}.values():
             own = np.array([k for k in range(n) if torques[k].fit is found.fit])
-            variances = self._torque_sigma[own] ** 2 * readings[own]
+            alike = np.where(is_resting[own], readings[own], 1.0)
+            variances = self._torque_sigma[own] ** 2 * alike
             scale = 1.0 if found.fit is None else variances[:, None, None]
             cov_tau[own] = scale * found.covariance((0,), 1.0, m)
         motion = motion.reshape(len(MOTION), m, n)

@@ -7,7 +7,7 @@ that cannot exist, is shown by a converged estimate only: elsewhere residuals sh
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from fsw.false_alarms import sigmas
+from fsw.messages.false_alarms import sigmas
 
 # squared distance, whitened, of a body from the consistent ones; noise moves a body at their border
 # out of them along one direction

@@ -15,10 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotri, dtrtrs
 
-from fsw import false_alarms
 from fsw.config import WheelConfig
 from fsw.estimators.window_fit import Instants, Wanted, fit_windows
-from fsw.messages import ChannelWindow, FloatArray, IntArray
+from fsw.messages import ChannelWindow, FloatArray, IntArray, false_alarms
 
 BEFORE_PERIODS = 4.0  # report periods before the window whose samples are used too
 SILENT_PERIODS = 5.0  # without a sample for longer, the momentum counts as unknown

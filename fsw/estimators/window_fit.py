@@ -12,10 +12,9 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw import false_alarms
 from fsw.estimators.found_noise import LAGS, gapped_products, mean_products
 from fsw.estimators.polynomial import NodeFit, WindowFit, lower_fit, node_fit
-from fsw.messages import FloatArray
+from fsw.messages import FloatArray, false_alarms
 
 GATE_SIGMAS = false_alarms.sigmas("sample", sides=2)  # of white noise
 MAX_PASSES = 12  # of removing outliers and fitting again; a window that needs more is not used

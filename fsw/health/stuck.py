@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.config import Config
-from fsw.false_alarms import per_test
 from fsw.messages import FloatArray, ImuSamples, IntArray, JointSamples, Samples
+from fsw.messages.false_alarms import per_test
 from fsw.messages.findings import Fault, Finding
 
 FALSE_ALARM = per_test("health")  # probability per sample

@@ -8,6 +8,7 @@ two coordinates, cosine and sine, and sensors measure one angle.
 import xml.etree.ElementTree as ET
 
 UNLIMITED = 1e9  # a limit of at least this size is no limit; the library reads no infinity
+_PARTS = ("parent", "child", "origin", "axis", "dynamics")  # of a joint; the limit apart
 _ENDLESS = {"lower": f"{-UNLIMITED}", "upper": f"{UNLIMITED}"}
 _LIMITS = {"effort": f"{UNLIMITED}", "velocity": f"{UNLIMITED}"}  # of a joint without <limit>
 
@@ -25,7 +26,7 @@ def dynamics_of(text: str | bytes) -> str:
         ET.SubElement(kept, "link", link.attrib).extend(link.findall("inertial"))
     for joint in root.findall("joint"):
         own = ET.SubElement(kept, "joint", joint.attrib)
-        own.extend(part for part in joint if part.tag in ("parent", "child", "origin", "axis"))
+        own.extend(part for part in joint if part.tag in _PARTS)
         limit = joint.find("limit")
         given = {} if limit is None else limit.attrib
         if joint.get("type") == "continuous":

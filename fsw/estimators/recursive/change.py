@@ -15,8 +15,8 @@ from scipy.special import chdtri
 
 from fsw.estimators.recursive import page_sum
 from fsw.estimators.recursive.snapshot import Values, kept, put
-from fsw.false_alarms import per_test, sigmas
 from fsw.messages import FloatArray
+from fsw.messages.false_alarms import per_test, sigmas
 
 _STATE = ("nis", "nis_dof", "level", "_sum", "_previous", "_lag", "_pairs")
 SLOW_BLOCKS = 16  # 6.4 s at the default window: slower than any sensor, faster than a motion

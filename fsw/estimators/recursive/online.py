@@ -27,9 +27,9 @@ from fsw.estimators.recursive.recursion import EventWords, Recursion
 from fsw.estimators.recursive.rival import Rival, Standing
 from fsw.estimators.recursive.snapshot import Values, check_fit, kept, put
 from fsw.estimators.square_root import SquareRootInformation
-from fsw.false_alarms import per_test
 from fsw.messages import Block, Estimate, FloatArray
 from fsw.messages.errors import NUMERICAL, EstimatorError, unforeseen
+from fsw.messages.false_alarms import per_test
 from fsw.messages.findings import Finding
 
 WORK_PER_BLOCK = 18  # units of re-linearisation due between two blocks

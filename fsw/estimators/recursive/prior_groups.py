@@ -16,8 +16,8 @@ from fsw.estimators.diagnosis import Gaussian, conflict_views, prior_conflict
 from fsw.estimators.model.inertia import PARAMETERS, report_jacobian
 from fsw.estimators.model.problem import IndexArray, Problem
 from fsw.estimators.model.state_groups import BY_NAME
-from fsw.false_alarms import per_test
 from fsw.messages import FloatArray
+from fsw.messages.false_alarms import per_test
 
 GROUP_PROBABILITY = per_test("prior")  # of a conflict in one group of a correct prior
 LARGEST = 3.0  # greatest factor on the stated sigma of a sensor, a known body or a mounting

@@ -7,7 +7,7 @@ from typing import Any
 
 from scipy.stats import beta
 
-from fsw.false_alarms import FLIGHT_RATE, SHARES, rate
+from fsw.messages.false_alarms import FLIGHT_RATE, SHARES, rate
 from hil.evidence import runner
 from hil.evidence.alarms.case import BYTES, SAMPLES, Case, work
 from hil.evidence.provenance import commit

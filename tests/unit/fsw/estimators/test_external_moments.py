@@ -174,7 +174,7 @@ def test_constant_wrench_explains_rate_and_torque_of_the_truth() -> None:
         ("base", "target"), external_force_sigma_n=0.1, external_torque_sigma_nm=0.1
     )
     x = wrench.prior_mean.copy()
-    x[wrench.wrench] = np.concatenate([FORCE_N, MOMENT_NM])
+    x[wrench.at("wrench")] = np.concatenate([FORCE_N, MOMENT_NM])
     left = errors(wrench, x, history)
     assert ignored[0] > 1e-4
     assert left[0] <= 0.01 * ignored[0]

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from fsw import false_alarms
 from fsw.config.health import HealthConfig
 from fsw.config.processing import EstimatorConfig
 from fsw.estimators import reasons
 from fsw.estimators.recursive import change, prior_groups
 from fsw.estimators.window_fit import GATE_SIGMAS
+from fsw.messages import false_alarms
 
 
 def test_the_shares_of_all_checks_are_within_the_budget() -> None:
@@ -50,7 +50,7 @@ def test_a_noise_level_stands_out_no_more_often_than_stated(count: int, dof: int
 
 
 def test_the_page_states_the_share_of_every_check() -> None:
-    page = (Path(__file__).parents[3] / "docs" / "false_alarms.md").read_text()
+    page = (Path(__file__).parents[4] / "docs" / "false_alarms.md").read_text()
     stated = dict(re.findall(r"^\| `(\w+)` \| (\S+) \|", page, re.MULTILINE))
     every = false_alarms.SHARES | false_alarms.DELAYS
     assert {check: float(share) for check, share in stated.items()} == every
