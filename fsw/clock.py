@@ -5,8 +5,10 @@ import select
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Protocol
 
+BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 CLOCK_READINGS = 4  # most attempts to read two clocks together
 TOGETHER_NS = 5_000  # two readings this close need no further attempt
 TIME_ERROR = 5  # returned by adjtimex(2): not synchronised
@@ -69,6 +71,20 @@ def suspended_s() -> int:
     """
     monotonic_ns = time.monotonic_ns()
     return max(0, time.clock_gettime_ns(time.CLOCK_BOOTTIME) - monotonic_ns) // 10**9
+
+
+def boot_id() -> str:
+    """Return the identifier of the monotonic clock; empty if the system does not provide it.
+
+    It is the kernel's boot identifier. After the machine was suspended, the time suspended is added
+    to it: the clock stood still, so a time from before tells no age.
+    """
+    try:
+        boot = BOOT_ID.read_text(encoding="ascii").strip()
+    except OSError:
+        return ""
+    asleep_s = suspended_s()
+    return f"{boot} +{asleep_s}" if asleep_s else boot
 
 
 def monotonic_less_realtime_ns() -> int:

@@ -1,10 +1,10 @@
 """Two generations of checkpoints in a directory, replaced in turn and each atomically."""
 
 import zlib
+from collections.abc import Callable
 from pathlib import Path
 
 from file_delivery.durable import replace_file
-from fsw.clock import suspended_s
 from fsw.config import Config
 from fsw.config.overlay import noise_of
 from fsw.exchange.checkpoint import (
@@ -18,7 +18,6 @@ from fsw.exchange.checkpoint import (
 from fsw.messages import Snapshot
 
 NAMES = ("checkpoint.0", "checkpoint.1")
-BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
 
 def identity_of(config: Config) -> Identity:
@@ -31,25 +30,14 @@ def identity_of(config: Config) -> Identity:
     return Identity(zlib.crc32(noise, config.crc32), zlib.crc32(robot))
 
 
-def boot_id() -> str:
-    """Return the identifier of the monotonic clock; empty if the system does not provide it.
-
-    It is the kernel's boot identifier. After the machine was suspended, the time suspended is added
-    to it: the clock stood still, so a time from before tells no age.
-    """
-    try:
-        boot = BOOT_ID.read_text(encoding="ascii").strip()
-    except OSError:
-        return ""
-    asleep_s = suspended_s()
-    return f"{boot} +{asleep_s}" if asleep_s else boot
-
-
 class CheckpointStore:
     """Writes and reads the checkpoints of one configuration."""
 
-    def __init__(self, directory: Path, identity: Identity) -> None:
-        self._directory, self._identity = directory, identity
+    def __init__(
+        self, directory: Path, identity: Identity, boot_id: Callable[[], str] = str
+    ) -> None:
+        """`boot_id` returns the identifier of the clock that the stamps are of; empty: unknown."""
+        self._directory, self._identity, self._boot_id = directory, identity, boot_id
         self._sequences: dict[str, int] | None = None
 
     def write(self, snapshot: Snapshot) -> int:
@@ -64,7 +52,7 @@ class CheckpointStore:
             Checkpoint(
                 identity=self._identity,
                 sequence=sequence,
-                boot_id=boot_id(),
+                boot_id=self._boot_id(),
                 snapshot=snapshot,
             )
         )

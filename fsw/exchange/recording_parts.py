@@ -5,22 +5,16 @@ configuration, the robot and the identity of its recording. The numbers of recor
 because a file of the directory keeps the last number even if recordings are deleted.
 """
 
-import re
 from collections.abc import Sequence
 from pathlib import Path
 
 from file_delivery.durable import replace_file
 from fsw.exchange.recording import Contents, contents, first_metadata
 from fsw.messages.errors import ConfigError
+from fsw.messages.recording_name import NAME
 
-_NAME = re.compile(r"(?P<first>recording_(?P<number>\d{4,}))(?:_(?P<part>\d{4,}))?\.mcap")
 PART, IDENTITY = "part", "recording"  # a metadata record, and its key that names the recording
 LAST_NUMBER = ".last_recording"
-
-
-def is_recording(name: str) -> bool:
-    """Return whether a file's name is one that the recorder gives."""
-    return _NAME.fullmatch(name) is not None
 
 
 def new_first(directory: Path) -> Path:
@@ -35,7 +29,7 @@ def new_first(directory: Path) -> Path:
         last = int(kept.read_text())
     except (FileNotFoundError, ValueError):
         last = 0
-    found = (_NAME.fullmatch(path.name) for path in directory.iterdir())
+    found = (NAME.fullmatch(path.name) for path in directory.iterdir())
     number = max([last, *(int(match["number"]) for match in found if match)]) + 1
     replace_file(kept, f"{number}\n")
     return directory / f"recording_{number:04d}.mcap"
@@ -53,7 +47,7 @@ def part_path(first: Path, number: int) -> Path:
 
 def newest_part(directory: Path) -> tuple[Path, int] | None:
     """Return the newest recording's first file and its number of parts; None if none exists."""
-    found = [match for path in directory.glob("*.mcap") if (match := _NAME.fullmatch(path.name))]
+    found = [match for path in directory.glob("*.mcap") if (match := NAME.fullmatch(path.name))]
     if not found:
         return None
     stem = max((match["first"] for match in found), key=lambda name: (len(name), name))
@@ -68,7 +62,7 @@ def parts_of(path: Path) -> list[Path]:
     ------
     ConfigError when a file with the name of a part belongs to another recording, or cannot be read.
     """
-    match = _NAME.fullmatch(path.name)
+    match = NAME.fullmatch(path.name)
     if match is None:
         return [path]
     first = path.with_name(f"{match['first']}.mcap")

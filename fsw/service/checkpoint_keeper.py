@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from fsw.clock import boot_id
 from fsw.config import Config
 from fsw.exchange.checkpoint_store import CheckpointStore, identity_of
 from fsw.messages import Block, Snapshot
@@ -35,7 +36,7 @@ class CheckpointKeeper:
         if config.service.checkpoint_period_s is None:
             return
         try:
-            self._store = CheckpointStore(self._directory, identity_of(config))
+            self._store = CheckpointStore(self._directory, identity_of(config), boot_id)
         except OSError as error:
             self._fail(f"{config.robot.urdf}: {error.strerror or error}")
 

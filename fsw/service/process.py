@@ -19,9 +19,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from file_delivery.locks import keep_lock
-from fsw.clock import Clock, MonotonicClock, utc_correlation
+from fsw.clock import Clock, MonotonicClock, boot_id, utc_correlation
 from fsw.config import Config
-from fsw.exchange.checkpoint_store import boot_id
 from fsw.exchange.ring import RingReader, RingWriter
 from fsw.exchange.ringlink import Kind, handed_down
 from fsw.exchange.sinks import (

@@ -86,8 +86,8 @@ def added(terms: Sequence[TorqueTerm], motion: JointMotion, x: FloatArray) -> Ad
 
     The derivatives serve for the noise of the motion; the neighbouring nodes' share is left out.
     """
-    n = motion.q_rad.shape[2]
-    sums = np.zeros((4, motion.q_rad.size // max(n, 1), n))
+    blocks, nodes, n = motion.q_rad.shape
+    sums = np.zeros((4, blocks * nodes, n))
     for term in terms:
         basis, own = term.shape(motion), x[term.states]
         parts = (basis.value, basis.by_angle, basis.by_rate, basis.by_acceleration)

@@ -12,9 +12,9 @@ import select
 import signal
 import sys
 
-from fsw.clock import Clock, MonotonicClock
+from fsw.clock import Clock, MonotonicClock, boot_id
 from fsw.config import Config
-from fsw.exchange.checkpoint_store import CheckpointStore, boot_id, identity_of
+from fsw.exchange.checkpoint_store import CheckpointStore, identity_of
 from fsw.exchange.restart import judge
 from fsw.exchange.ring import RingReader, RingWriter
 from fsw.exchange.ringlink import TO_SERVICE, Kind, RingSink, handed_down, message_of

@@ -8,7 +8,7 @@ from pathlib import Path, PurePosixPath
 
 from file_delivery.paths import HIDDEN
 from file_delivery.room import check_room
-from fsw.exchange.recording_parts import is_recording
+from fsw.messages.recording_name import is_recording
 from fsw.telemetry.dictionary.codes import FILE_KIND, Error
 from fsw.telemetry.dictionary.files import PAGE_ENTRIES
 from fsw.telemetry.link.telecommands import Request, TcError

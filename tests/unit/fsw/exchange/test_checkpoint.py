@@ -10,6 +10,7 @@ import msgpack
 import numpy as np
 import pytest
 
+from fsw.clock import boot_id
 from fsw.config.overlay import overlay
 from fsw.exchange.checkpoint import (
     Checkpoint,
@@ -19,7 +20,7 @@ from fsw.exchange.checkpoint import (
     encode,
     sequence_of,
 )
-from fsw.exchange.checkpoint_store import CheckpointStore, boot_id, identity_of
+from fsw.exchange.checkpoint_store import CheckpointStore, identity_of
 from fsw.exchange.restart import Mode, judge
 from fsw.messages import Snapshot
 from fsw.service.checkpoint_keeper import CheckpointKeeper
@@ -285,7 +286,7 @@ def test_a_checkpoint_made_under_other_noise_is_foreign(arm: ArmProject, tmp_pat
 
 
 def test_a_checkpoint_from_before_a_suspend_tells_no_age(tmp_path: Path, monkeypatch) -> None:
-    store = CheckpointStore(tmp_path, OURS)
+    store = CheckpointStore(tmp_path, OURS, boot_id)
     store.write(snapshot())
     (kept,), _ = store.read()
     seconds = 5_000_000_000
