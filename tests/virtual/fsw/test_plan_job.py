@@ -42,7 +42,7 @@ def known(config: Config, share: float = 0.1):
     own = build_subject(config)
     names = own.problem.names[own.problem.bodies]
     covariance = share * own.state_covariance[:10, :10]
-    return replace(make_estimate(0), names=names, mean=own.x, covariance=covariance, reason="")
+    return replace(make_estimate(0), names=names, mean=own.x, covariance=covariance, reasons=())
 
 
 def jobs_of(config: Config, folder: Path) -> tuple[BatchJobs, list]:
@@ -122,14 +122,14 @@ def test_an_ended_job_leaves_no_process_and_no_file(tmp_path):
     ("change", "code", "words"),
     [
         ({"estimate": None}, Code.NO_RESULT, "no estimate"),
-        ({"reason": "MODEL_MISMATCH"}, Code.NO_RESULT, "MODEL_MISMATCH"),
+        ({"reasons": ("MODEL_MISMATCH",)}, Code.NO_RESULT, "MODEL_MISMATCH"),
         ({"excitation": None}, Code.NOT_SUPPORTED, "excitation.limits: missing"),
     ],
 )
 def test_what_cannot_be_planned_is_refused_with_one_reason(tmp_path, change, code, words):
     jobs, _ = jobs_of(flight(tmp_path), tmp_path)
-    if "reason" in change:
-        jobs.estimate = replace(jobs.estimate, reason=change["reason"])
+    if "reasons" in change:
+        jobs.estimate = replace(jobs.estimate, reasons=change["reasons"])
     elif "estimate" in change:
         jobs.estimate = None
     else:
