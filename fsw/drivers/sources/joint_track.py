@@ -21,7 +21,7 @@ from fsw.messages import FloatArray, IntArray
 from fsw.messages.findings import Fault
 
 HISTORY_SYNCS = 1024  # SYNCs for which accepted samples are remembered
-CONTESTED_S = 1.0  # after two different answers to one SYNC, no answer of the node is accepted
+CONTESTED_S = 1.0  # two SYNCs so close with two different answers each: no answer for that long
 CHAIN = 3  # consecutive samples that are consistent with one another ...
 CHAIN_S = 0.1  # ... over at least this time are accepted, even if far from the last accepted one
 SLACK_SIGMAS = 10.0
@@ -84,6 +84,7 @@ class JointTrack:
         self._most_rad_s = most_rad_s(config)
         self._contested = round(CONTESTED_S / period_s)
         self._contested_until = -1  # SYNC up to which no sample is accepted
+        self._two_answers = -HISTORY_SYNCS  # newest SYNC with two different answers
         self._answer = (0.0, 0.0)  # position [rad] and torque [N m] of the newest SYNC
         self._chain = 0
         self._chain_start_ns = 0
@@ -141,8 +142,9 @@ class JointTrack:
         """Judge calibrated values in order: return which are refused and accept the others.
 
         A node's frames never overtake one another, so a sample of an older SYNC is refused. A NaN
-        torque is not judged. A bus that repeats a frame repeats its content; two different answers
-        to one SYNC come from two nodes of one id, so no further answer is accepted for a while.
+        torque is not judged. A bus that repeats a frame repeats its content, and a SYNC sent twice
+        has two answers once. Two different answers to one SYNC, and soon to another one, come from
+        two nodes of one id, so no further answer is accepted for a while.
         """
         refused: list[Refused] = []
         limit_nm = self.config.torque_limit_nm
@@ -152,11 +154,9 @@ class JointTrack:
             first = self.first_sync < 0
             if not first and sync <= self._newest:
                 differs = sync == self._newest and (position, torque) != self._answer
-                if differs and not (isnan(torque) and position == self._answer[0]):
-                    self._contested_until = sync + self._contested
-                    refused.append((k, Reject.SEQUENCE, Fault.NODE_CONTESTED))
-                else:
-                    refused.append((k, Reject.SEQUENCE, None))
+                differs &= not (isnan(torque) and position == self._answer[0])
+                fault = Fault.NODE_CONTESTED if differs and self._is_again(sync) else None
+                refused.append((k, Reject.SEQUENCE, fault))
                 continue
             if sync <= self._contested_until:
                 refused.append((k, Reject.SEQUENCE, Fault.NODE_CONTESTED))
@@ -187,6 +187,14 @@ class JointTrack:
             self._last_t_ns, self._last_rad = time_ns, position
             self._chain = 0
         return refused
+
+    def _is_again(self, sync: int) -> bool:
+        """Note a SYNC with two different answers; return whether another one was shortly before."""
+        last, self._two_answers = self._two_answers, sync
+        again = 0 < sync - last <= self._contested or sync <= self._contested_until
+        if again:
+            self._contested_until = sync + self._contested
+        return again
 
     def _is_reachable(self, t0_ns: int, position0: float, t_ns: int, position: float) -> bool:
         allowed = self._slack_rad + self.config.speed_limit_rad_s * abs(t_ns - t0_ns) * 1e-9

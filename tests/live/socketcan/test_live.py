@@ -154,7 +154,7 @@ def test_a_lost_bus_is_changed_for_the_other_and_the_estimate_goes_on(slow, tmp_
     sent, echoed = counters(recorded)
     assert gaps(sent) == []
     for values in echoed.values():
-        assert len(gaps(values)) == 1  # until the nodes have toggled
+        assert len(gaps(values)) <= 1  # until the nodes have toggled; none if that is quick
     assert recorded.estimates[-1].t_ns > switched
     assert recorded.extra["daemon_exit_code"] == 0
 

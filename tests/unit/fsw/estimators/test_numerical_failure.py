@@ -152,7 +152,9 @@ def test_degenerate_data_end_a_batch_with_a_status_or_in_words(
 
 
 @pytest.mark.parametrize(
-    ("rate_rad_s", "resets"), [(3.0, True), (0.1, False)], ids=["from rest", "from the first rate"]
+    ("rate_rad_s", "resets"),
+    [(100.0, True), (0.1, False)],
+    ids=["from rest", "from the first rate"],
 )
 def test_a_throw_with_much_momentum_resets_the_recursion_and_says_so(
     rate_rad_s: float, resets: bool, monkeypatch: pytest.MonkeyPatch

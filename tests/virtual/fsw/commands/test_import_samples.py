@@ -224,7 +224,7 @@ WRONG_MAPPINGS = {
     "signs": ({"position": ANGLES | {"sign": [1, -1]}}, "joints.position.sign: 2 values"),
     "zero sign": ({"position": ANGLES | {"sign": 0}}, "joints.position.sign"),
     "time": ({"time": {"column": "when", "unit": "s"}}, "no column 'when'"),
-    "rate": ({"time": SECONDS | {"unit": "ms"}}, "buses.0.rate_hz is 30: set it to"),
+    "rate": ({"time": SECONDS | {"unit": "ms"}}, "correct the unit of time"),
     "file": ({"file": "missing.csv"}, "missing.csv: cannot be read: No such file"),
     "bag": ({"file": "missing"}, "missing: cannot be read as a ROS 2 bag"),
     "no torque": ({"torque": None}, "joints.torque: missing; joint1 joint2"),

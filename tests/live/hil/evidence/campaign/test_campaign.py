@@ -25,7 +25,7 @@ FILE = """
 level: sample
 seeds: {first: 5, count: 6}
 scenarios: [target_leo]
-duration_s: 4.0
+duration_s: 12.0
 rate_hz: 50.0
 """
 
@@ -43,7 +43,7 @@ def run_of(seed: int, **changes: Any) -> CampaignRun:
         "scenario": "target_leo",
         "noise": "data sheet",
         "trajectory": None,
-        "duration_s": 4.0,
+        "duration_s": 12.0,
         "rate_hz": 50.0,
         "seed": seed,
     }

@@ -1,4 +1,4 @@
-"""Two nodes with one id: neither is believed from the second answer on."""
+"""Two nodes with one id: neither is believed from the second double answer on."""
 
 import pytest
 
@@ -32,8 +32,8 @@ def two_answers(k: int):
 def test_no_answer_of_a_contested_node_is_believed(batch: int):
     samples, bus = flown(batch, two_answers)
     during = [s for s in samples if BEGINS <= (s.t_ns - samples[0].t_ns) // 2_000_000 < ENDS + 500]
-    assert len(during) == 1, "the first one, before the second answer came"
-    assert len(samples) == BEGINS + 1 + (1000 - ENDS - 500)
+    assert len(during) == 2, "the first two, before a second SYNC had two answers"
+    assert len(samples) == BEGINS + 2 + (1000 - ENDS - 500)
     found = {finding.fault for finding in bus.findings()}
     assert Fault.NODE_CONTESTED in found
     assert bus.counters["lost"] > 0
@@ -42,5 +42,14 @@ def test_no_answer_of_a_contested_node_is_believed(batch: int):
 @pytest.mark.parametrize("batch", [1, 7, 3000])
 def test_a_frame_that_the_bus_repeats_is_no_second_node(batch: int):
     samples, bus = flown(batch, lambda k: [sync(k), reading(k, 0), reading(k, 0), reading(k, 1)])
+    assert len(samples) == 1000
+    assert Fault.NODE_CONTESTED not in {finding.fault for finding in bus.findings()}
+
+
+@pytest.mark.parametrize("batch", [1, 7, 3000])
+@pytest.mark.parametrize("apart", [600, 1000])
+def test_a_sync_sent_twice_costs_no_sample(batch: int, apart: int):
+    """Every node answers it twice, and differently; so does a counter that a bad bit turns back."""
+    samples, bus = flown(batch, lambda k: cycle(k) + [impostor(k)] * (k % apart == 50))
     assert len(samples) == 1000
     assert Fault.NODE_CONTESTED not in {finding.fault for finding in bus.findings()}
