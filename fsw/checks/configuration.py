@@ -59,7 +59,7 @@ def validate(config: Config) -> tuple[Problem, list[str]]:
         faults += str(error).splitlines()
     if faults or problem is None:
         raise ConfigError("\n".join(f"{config.name}: {fault}" for fault in faults))
-    return problem, [*_warnings(config), *inertia_warnings(config, problem.model)]
+    return problem, [*_warnings(config), *inertia_warnings(config, problem.model.plain)]
 
 
 def _noise_warnings(config: Config) -> Iterator[str]:
@@ -176,6 +176,7 @@ def validate_ports(config: Config) -> None:
     """
     sampled = [f"buses.{i}.interface" for i, b in enumerate(config.buses) if b.interface == SAMPLES]
     sampled += [f"wheels.{i}.bus" for i, wheel in enumerate(config.wheels) if wheel.bus is None]
+    sampled += [f"wrench_sensors.{i}" for i in range(len(config.wrench_sensors))]
     sampled += ["imu.driver"] if config.imu.driver == SAMPLES else []
     if sampled:
         words = "samples is no device; only recordings of fsw import have them"

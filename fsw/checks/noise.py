@@ -86,6 +86,11 @@ def _channels(
             keys = {"torque_noise_nm": (joint.torque_noise_nm, 1)} | keys
         for key, (declared, column) in joint.named(keys).items():
             found.append((f"joints.{k}.{key}", declared, 1.0, [(own, column)]))
+    for k, sensor in enumerate(config.wrench_sensors):
+        own = [window.wrenches[k] for window in windows]
+        for key, first in (("force_noise_n", 0), ("torque_noise_nm", 3)):
+            axes = [(own, first + axis) for axis in range(3)]
+            found.append((f"wrench_sensors.{k}.{key}", float(getattr(sensor, key)), 1.0, axes))
     if not config.imu.present:
         return found
     for key, channels in (

@@ -80,6 +80,11 @@ def _window(config: Config) -> Window:
         accelerometer=_channel(t_s, FORCE_M_S2 * turn),
         attitude=_channel(still_s, np.tile([0.0, 0.0, 0.0, 1.0], (len(still_s), 1))),
         wheels=tuple(wheels),
+        wrenches=tuple(
+            _channel(t, TORQUE_NM * np.cos(t[:, None] / window_s + np.arange(len(own.noise))))
+            for own in config.wrench_sensors
+            for t in [_times_s(window_s, own.rate_hz)]
+        ),
         thrusters=tuple(_channel(*_pulse(window_s, own.rate_hz)) for own in config.thrusters),
     )
 

@@ -12,7 +12,7 @@ import numpy as np
 from fsw.checks.base_parts import part_faults
 from fsw.checks.urdf import check_urdf
 from fsw.config import Config
-from fsw.estimators.model.building import build_problem
+from fsw.estimators.model.building import build_problem, robot_of
 from fsw.estimators.model.inertia import PARAMETERS, pseudo_inertia
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.model.robot import RobotModel
@@ -39,9 +39,8 @@ def load_problem(config: Config) -> Problem:
     """
     urdf = config.resolve(config.robot.urdf)
     _check_urdf(urdf)
-    model = read_model(urdf, config.robot.tool_frame)
-    _check_masses(config, model)
-    problem = build_problem(config, model, exact=config.estimator.is_regression)
+    _check_masses(config, read_model(urdf, config.robot.tool_frame))
+    problem = build_problem(config, robot_of(config), exact=config.estimator.is_regression)
     if faults := part_faults(config, problem):
         raise ConfigError("\n".join(faults))
     return problem

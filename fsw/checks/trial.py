@@ -157,6 +157,9 @@ class Trial:
                 accelerometer=self.streams[ACCELEROMETER].within(at_ns, at_ns + width_ns, inertial),
                 attitude=self.streams[ATTITUDE].within(at_ns, at_ns + width_ns),
                 wheels=self._every("wheels", len(config.wheels), at_ns, at_ns + width_ns),
+                wrenches=self._every(
+                    "wrench_sensors", len(config.wrench_sensors), at_ns, at_ns + width_ns
+                ),
                 thrusters=self._every("thrusters", len(config.thrusters), at_ns, at_ns + width_ns),
             )
             for at_ns in starts_ns
@@ -268,6 +271,10 @@ def make_trial(
             **{
                 f"thrusters.{k}": joined([w.thrusters[k] for w in kept])
                 for k in range(len(config.thrusters))
+            },
+            **{
+                f"wrench_sensors.{k}": joined([w.wrenches[k] for w in kept])
+                for k in range(len(config.wrench_sensors))
             },
             GYRO: joined([w.gyro for w in kept]),
             ACCELEROMETER: joined([w.accelerometer for w in kept]),

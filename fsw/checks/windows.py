@@ -20,6 +20,10 @@ def window_faults(config: Config) -> list[str]:
         for i, bus in enumerate(config.buses)
     ]
     channels.append(("imu.rate_hz", config.imu.rate_hz, 2 * estimator.nodes))
+    channels += [
+        (f"wrench_sensors.{i}.rate_hz", sensor.rate_hz, 2 * estimator.nodes)
+        for i, sensor in enumerate(config.wrench_sensors)
+    ]
     rates_hz = {key: rate_hz for key, rate_hz, _ in channels}
     rates_hz |= {f"wheels.{i}.rate_hz": wheel.rate_hz for i, wheel in enumerate(config.wheels)}
     rates_hz |= {f"thrusters.{i}.rate_hz": own.rate_hz for i, own in enumerate(config.thrusters)}
@@ -76,6 +80,10 @@ def lag_faults(config: Config) -> list[str]:
         )
         for i, wheel in enumerate(config.wheels)
         if wheel.delay_s
+    }
+    delays |= {
+        f"wrench_sensors.{i} with its delay_s {sensor.delay_s:g}": sensor.delay_s
+        for i, sensor in enumerate(config.wrench_sensors)
     }
     return [
         f"estimator.lag_s: {lag_s:g} is shorter than the delay of {source}; must be at least "

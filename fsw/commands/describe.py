@@ -38,7 +38,7 @@ def describe(config: Config, problem: Problem, costs: Sequence[str] = ()) -> str
 
 
 def _robot(config: Config, problem: Problem) -> list[str]:
-    model = problem.model
+    model = problem.model.plain
     masses = model.pi_links[::PARAMETERS]
     joints = [
         f"{name} {mass:.4g}" for name, mass in zip(model.joint_names, masses[1:], strict=True)
@@ -50,6 +50,10 @@ def _robot(config: Config, problem: Problem) -> list[str]:
         f"root link {masses[0]:.6g} kg, all links {masses.sum():.6g} kg",
         *_held(config.base),
         *([f"without torque sensor: {', '.join(blind)}"] if blind else []),
+        *(
+            f"wrench sensor {own.name}: carries {own.frame!r} and all beyond, {own.rate_hz:g} Hz"
+            for own in config.wrench_sensors
+        ),
         *_by_speed(config),
     ]
 

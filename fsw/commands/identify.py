@@ -21,9 +21,8 @@ from fsw.config import Config
 from fsw.estimators.batch.run import run_batch
 from fsw.estimators.batch.screening import fits_throughout, screened
 from fsw.estimators.measurement.mrnea import Rows
-from fsw.estimators.model.building import build_problem, joint_order
+from fsw.estimators.model.building import build_problem, joint_order, robot_of
 from fsw.estimators.model.problem import Problem
-from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.pipeline import Pipeline
 from fsw.estimators.plausible import plausible
 from fsw.estimators.recursive.online import build_online
@@ -160,7 +159,7 @@ def _read(
     EstimatorError if no window can be used.
     """
     nodes = Nodes(config)
-    model = RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
+    model = robot_of(config)
     watching = Watching(config, joint_order(config, model))
     result = replay(
         recording,
@@ -194,10 +193,10 @@ def _plausible(recorded: Sequence[Block]) -> list[Block]:
 def noise_text(result: Mapping[str, Any]) -> list[str]:
     """Return a line for each sensor whose noise is correlated in time."""
     torques = result.get("torque_noise", ())
-    inertial = result.get("inertial_noise", ())
+    others = (*result.get("wrench_noise", ()), *result.get("inertial_noise", ()))
     found = [
         *((f"torque noise of {s['joint']}: {s['sigma_nm']:.3g} N m", s) for s in torques),
-        *((f"noise of the {s['channel']}: {s['sigma']:.3g} {s['unit']}", s) for s in inertial),
+        *((f"noise of the {s['channel']}: {s['sigma']:.3g} {s['unit']}", s) for s in others),
     ]
     return [
         f"{words}, correlated over {1e3 * s['correlation_s']:.3g} ms; {s['samples']} samples count "

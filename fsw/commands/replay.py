@@ -38,6 +38,7 @@ from fsw.exchange.sinks import (
     JOINTS,
     STAR_TRACKER,
     WHEELS,
+    WRENCH_SENSORS,
     BatchEnd,
     CanTraffic,
     Fanout,
@@ -296,6 +297,7 @@ def topics_of(config: Config, held: Sequence[str]) -> list[str]:
         topics = [joints] * bool(config.joints) + [wheels] * bool(config.wheels)
     else:
         topics = [f"/can/{bus.name}" for bus in config.buses]
+    topics += [f"{SAMPLES}{WRENCH_SENSORS}"] * bool(config.wrench_sensors)
     for name in lines:
         sampled = f"{SAMPLES}{name}"
         topics.append(sampled if sampled in held else f"/serial/{name}")

@@ -50,7 +50,7 @@ def channel_residuals(
     ------
     numpy.linalg.LinAlgError if the base has no inertia in this state.
     """
-    joints = problem.model.joint_names
+    torques = problem.model.torque_units
     parts: list[tuple[FloatArray, FloatArray]] = []
     before: Impulse | None = None
     for stack in stacks_of(blocks):
@@ -58,8 +58,8 @@ def channel_residuals(
         parts.append((value, sigma))
     sensors = [(f"{name}.{axis}", unit) for (name, unit), axis in product(SENSORS, "xyz")]
     return ChannelResiduals(
-        names=(*(f"torque.{name}" for name in joints), *(name for name, _ in sensors)),
-        units=(*("N m" for _ in joints), *(unit for _, unit in sensors)),
+        names=(*(f"torque.{name}" for name in torques), *(name for name, _ in sensors)),
+        units=(*torques.values(), *(unit for _, unit in sensors)),
         t_ns=np.concatenate([block.t_ns for block in blocks]),
         value=np.concatenate([value for value, _ in parts]),
         sigma=np.concatenate([sigma for _, sigma in parts]),

@@ -30,6 +30,7 @@ from fsw.config.telemetry import TelemetryConfig
 from fsw.config.thrusters import ThrusterConfig
 from fsw.config.wheels import WheelConfig
 from fsw.config.whole import Config, load, parse
+from fsw.config.wrench_sensors import WrenchSensorConfig
 
 __all__ = [
     "BaseConfig",
@@ -60,6 +61,7 @@ __all__ = [
     "ThrusterConfig",
     "Vector3",
     "WheelConfig",
+    "WrenchSensorConfig",
     "load",
     "parse",
 ]

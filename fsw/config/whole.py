@@ -23,6 +23,7 @@ from fsw.config.telemetry import TelemetryConfig
 from fsw.config.text import CONFIGURATION, RECORDING, TextError, explain, kind_of, read_yaml
 from fsw.config.thrusters import ThrusterConfig, thrusters_go_with
 from fsw.config.wheels import WheelConfig, wheels_go_with
+from fsw.config.wrench_sensors import WrenchSensorConfig, wrench_sensors_go_with
 from fsw.messages.errors import ConfigError
 
 NAMED_BY_PLACE = ("base", "target")
@@ -42,6 +43,7 @@ class Config(Section):
     unknown: Annotated[tuple[BodyName, ...], Field(min_length=1)]
     buses: tuple[BusConfig, ...] = ()
     joints: tuple[JointConfig, ...] = ()
+    wrench_sensors: Annotated[tuple[WrenchSensorConfig, ...], Field(max_length=4)] = ()
     wheels: Annotated[tuple[WheelConfig, ...], Field(max_length=16)] = ()
     thrusters: Annotated[tuple[ThrusterConfig, ...], Field(max_length=24)] = ()
     modes: Annotated[tuple[ModeConfig, ...], Field(max_length=8)] = ()
@@ -149,11 +151,7 @@ class Config(Section):
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         _something_turns(self)
-        _unique([b.name for b in self.buses], "buses.name")
-        _unique([j.name for j in self.joints], "joints.name")
-        _unique([wheel.name for wheel in self.wheels], "wheels.name")
-        _unique([thruster.name for thruster in self.thrusters], "thrusters.name")
-        _nodes_are_unique(self)
+        _parts_are_unique(self)
         ports = {"imu.port": self.imu.port} if self.imu.present else {}
         if self.star_tracker:
             ports["star_tracker.port"] = self.star_tracker.port
@@ -180,6 +178,7 @@ class Config(Section):
                 raise ValueError(f"joints.{i}.format: 'fd' needs buses.{joint.bus}.fd: true")
         rates_hz = {name: bus.rate_hz for name, bus in names.items()}
         wheels_go_with(self.wheels, rates_hz)
+        wrench_sensors_go_with(self.wrench_sensors, self.estimator.method)
         thrusters_go_with(
             self.thrusters,
             rates_hz,
@@ -201,7 +200,6 @@ class Config(Section):
         if not self.imu.present and self.base.motion != "clamped":
             raise ValueError("imu: missing; only a clamped base does without an inertial unit")
         _base_goes_with(self.base, self.unknown, self.estimator, orbit=self.orbit is not None)
-        _unique([mode.name for mode in self.modes], "modes.name")
         modes_go_with(self.modes, self.estimator, self.base.motion)
         _bodies_have_their_keys(self.bodies, self.unknown)
         for i, bus in enumerate(self.buses):
@@ -214,8 +212,11 @@ class Config(Section):
         return self
 
 
-def _nodes_are_unique(config: Config) -> None:
-    """Raise ValueError if devices share a node, or thrusters a valve; a node has several valves."""
+def _parts_are_unique(config: Config) -> None:
+    """Raise ValueError if parts share a name or a node, or thrusters a valve of their node."""
+    for section in ("buses", "joints", "wheels", "thrusters", "modes"):
+        _unique([part.name for part in getattr(config, section)], f"{section}.name")
+    _unique([part.name for part in (*config.joints, *config.wrench_sensors)], "wrench_sensors.name")
     nodes = [f"{node.bus}:0x{node.node_id:02x}" for node in config.can_nodes]
     joints, wheels = len(config.joints), sum(wheel.bus is not None for wheel in config.wheels)
     _unique(nodes[:joints], "joints.node_id")

@@ -80,8 +80,8 @@ class ArmConditioner:
         self._coulomb_nm = np.array([joint.friction_coulomb_sigma_nm for joint in joints])
         self._speed_rad_s = np.array([joint.friction_speed_rad_s for joint in joints])
         self._standstills = Standstills(self._position_sigma)
-        self._samples = torque_samples(config, order)
-        self._cov_model = torque_model_covariance(config, order)
+        self._samples = torque_samples(config, order)[: len(order)]
+        self._cov_model = torque_model_covariance(config, order)[: len(order)]
         # reversing friction deviates from the polynomial: up to 3 sigma of it is no outlier
         left_out = np.array([joint.torque_model_sigma_nm for joint in joints])
         self._torque_gate = np.hypot(np.hypot(self._torque_sigma, 0.5 * self._coulomb_nm), left_out)

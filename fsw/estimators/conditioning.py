@@ -25,6 +25,7 @@ from fsw.estimators.rotation import rotation_from_xyzw
 from fsw.estimators.valves import Valves, changes
 from fsw.estimators.wheel_motion import Turn, WheelMotion
 from fsw.estimators.window_fit import NO_FIT, Fitted, Instants, Wanted, fit_windows
+from fsw.estimators.wrench_fit import WrenchConditioner
 from fsw.messages import Block, ChannelWindow, FloatArray, Window
 from fsw.messages.findings import Fault, Finding
 
@@ -41,14 +42,16 @@ class _Asked:
     firings: dict[str, FloatArray] | None  # the thrusters' part of a block; None: unknown
     missed: bool  # whether a change of a valve was missed
     arm: ArmWanted | None  # None: a joint's samples are missing
+    wrenches: list[Wanted | None]  # of each wrench sensor; None: missing
     gyro: Wanted | None  # None: missing; likewise the accelerometer
     accelerometer: Wanted | None
 
     @property
     def wanted(self) -> list[Wanted]:
         """Return all fits, in order."""
-        inertial = [own for own in (self.gyro, self.accelerometer) if own is not None]
-        return [*(() if self.arm is None else self.arm.wanted), *inertial]
+        others = (*self.wrenches, self.gyro, self.accelerometer)
+        joints = () if self.arm is None else self.arm.wanted
+        return [*joints, *(own for own in others if own is not None)]
 
 
 class Conditioner:
@@ -60,6 +63,7 @@ class Conditioner:
     def __init__(self, config: Config, order: tuple[int, ...]) -> None:
         self._nodes = config.estimator.nodes
         self._arm = ArmConditioner(config, order)
+        self._wrenches = WrenchConditioner(config)
         self.speeds = self._arm.speeds
         self._names = [config.joints[k].name for k in order]
         imu = config.imu
@@ -116,6 +120,7 @@ class Conditioner:
             firings,
             missed,
             self._arm.wanted(window, gated=gated),
+            self._wrenches.wanted(window, gated=gated),
             self._inertial(window, window.gyro, self._sigma_gyro, (0, 1), gated=gated),
             self._inertial(window, window.accelerometer, self._sigma_acc, (0,), gated=gated),
         )
@@ -130,6 +135,9 @@ class Conditioner:
             arm, removed = self._arm.made(asked.arm, own, window.start_ns, window.stop_ns)
             for k, fault, count in removed:
                 self._note(count, fault, self._names[k], window)
+        axes, left = self._wrenches.made(asked.wrenches, fitted)
+        for name, fault, count in left:
+            self._note(count, fault, name, window)
         inertial = [
             None if own is None else next(fitted) for own in (asked.gyro, asked.accelerometer)
         ]
@@ -156,17 +164,17 @@ class Conditioner:
             q_rad=arm.motion[0],
             qd_rad_s=arm.motion[1],
             qdd_rad_s2=arm.motion[2],
-            tau_nm=arm.tau_nm,
+            tau_nm=np.concatenate([arm.tau_nm, axes.tau], axis=1),
             w_NB_B_rad_s=rate[:m],
             wd_NB_B_rad_s2=rate[m:],
             f_NS_B_m_s2=force @ self._R_BS.T,
             R_NB=self._attitude(window.attitude, asked.t_ns, rate[:m].mean(axis=0)),
             cov_joint=arm.cov_joint,
-            cov_tau=arm.cov_tau,
+            cov_tau=np.concatenate([arm.cov_tau, axes.cov_tau]),
             cov_gyro=cov_gyro,
             cov_acc=cov_acc,
-            tau_products_nm2=arm.tau_products_nm2,
-            has_joint=arm.has_joint,
+            tau_products_nm2=np.concatenate([arm.tau_products_nm2, axes.products], axis=1),
+            has_joint=np.concatenate([arm.has_joint, axes.has]),
             imu_products=np.stack([left_gyro, left_acc], axis=1),
             has_gyro=has_gyro,
             has_accelerometer=has_acc,

@@ -93,10 +93,10 @@ def default_pipeline(config: Config, urdf_text: str | None = None) -> Pipeline:
     `urdf_text`, if given, replaces the robot's file. Raises ConfigError.
     """
     from fsw.estimators.conditioning import build_conditioner
-    from fsw.estimators.model.robot import RobotModel
+    from fsw.estimators.model.building import robot_of
     from fsw.estimators.recursive.online import build_online
 
-    model = RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame, urdf_text)
+    model = robot_of(config, urdf_text)
     return Pipeline(
         conditioner=build_conditioner(config, model), estimator=build_online(config, model)
     )

@@ -9,10 +9,11 @@ samples contradict it, and keep their sizes. The covariance at the nodes include
 nodes of neighbouring windows, so that a slowly changing quantity gets the information that all
 windows together hold (the long-run variance). White noise keeps exactly the declared covariance.
 
-Channels are the torque sensors, then gyro and accelerometer, whose three axes count as alike.
+Channels are the torques (of joints, then axes of wrench sensors), then gyro and accelerometer,
+whose three axes count as alike.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -65,7 +66,7 @@ class ChannelNoise:
 
 
 class SensorNoise:
-    """The noise of n torque sensors, gyro and accelerometer, learnt from the blocks so far.
+    """The noise of n torques, gyro and accelerometer, learnt from the blocks so far.
 
     Parameters
     ----------
@@ -150,29 +151,33 @@ class SensorNoise:
             cov_acc=block.cov_acc + acc if block.has_accelerometer else block.cov_acc,
         )
 
-    def report(self, names: Sequence[str]) -> dict[str, list[dict[str, Any]]]:
-        """Return plain values of every channel's noise: `torque_noise` and `inertial_noise`."""
+    def report(self, units: Mapping[str, str], joints: int) -> dict[str, list[dict[str, Any]]]:
+        """Return plain values of every channel's noise: of torques, wrench and inertial sensors.
+
+        `units`: of torques by name; the first `joints` of them are of joints, the others of axes.
+        """
         found = [
             {"channel": name, "unit": unit} | asdict(noise)
-            for name, unit, noise in self._named(names)
+            for name, unit, noise in self._named(units)
         ]
         torque = [
             {"joint": own["channel"], "declared_nm": own["declared"], "sigma_nm": own["sigma"]}
             | {key: own[key] for key in SHARED}
-            for own in found[: len(names)]
+            for own in found[:joints]
         ]
-        return {"torque_noise": torque, "inertial_noise": found[len(names) :]}
+        wrench, inertial = found[joints : len(units)], found[len(units) :]
+        return {"torque_noise": torque, "wrench_noise": wrench, "inertial_noise": inertial}
 
-    def words(self, names: Sequence[str]) -> str:
+    def words(self, units: Mapping[str, str]) -> str:
         """Return a text with sigma and correlation time of channels whose noise is not white."""
         return ", ".join(
             f"{name} {noise.sigma:.3g} {unit}, {1e3 * noise.correlation_s:.3g} ms"
-            for name, unit, noise in self._named(names)
+            for name, unit, noise in self._named(units)
             if not noise.is_white
         )
 
-    def _named(self, names: Sequence[str]) -> list[tuple[str, str, ChannelNoise]]:
-        channels = [*((name, "N m") for name in names), *INERTIAL]
+    def _named(self, units: Mapping[str, str]) -> list[tuple[str, str, ChannelNoise]]:
+        channels = [*units.items(), *INERTIAL]
         pairs = zip(channels, self.channels, strict=True)
         return [(name, unit, noise) for (name, unit), noise in pairs]
 

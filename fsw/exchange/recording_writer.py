@@ -41,6 +41,7 @@ _SCHEMAS: dict[str, dict[str, str]] = {  # without `covariance`: Foxglove reads 
         "force_n": "object",
     },
     "/samples/wheels": {"speed_rad_s": "object"},  # by name
+    "/samples/wrench_sensors": {"force_n": "object", "torque_nm": "object"},  # x y z by name
     "/samples/imu": {"w_NS_S_rad_s": "numbers", "f_NS_S_m_s2": "numbers"},
     "/samples/star_tracker": {"q_xyzw": "numbers"},
     "/tc": {

@@ -122,7 +122,7 @@ class _Flight:
         return Information(self.problem, _method(self.config), self.blocks)
 
     def unknown(self, values: Sequence[FloatArray]) -> Shift:
-        """Return the error from measured channels (m, n + 6) that the model does not explain."""
+        """Return the error from measured channels (m, t + 6) that the model does not explain."""
         return self.information.shift(measured(self.blocks, values))
 
     def without(
@@ -189,8 +189,8 @@ def with_sizes(config: Config, model: RobotModel) -> Config:
         if joint.torque == "none":
             continue
         urdf = {
-            "friction_coulomb_sigma_nm": float(model.model.friction[6 + place]),
-            "friction_viscous_sigma_nms_rad": float(model.model.damping[6 + place]),
+            "friction_coulomb_sigma_nm": float(model.plain.model.friction[6 + place]),
+            "friction_viscous_sigma_nms_rad": float(model.plain.model.damping[6 + place]),
         }
         new = {key: size for key, size in urdf.items() if size and not getattr(joint, key)}
         joints[k] = joint.model_copy(update=new)
@@ -263,7 +263,7 @@ def _of_orbit(flight: _Flight) -> Iterator[Cost]:
 
 
 def _of_delays(flight: _Flight) -> Iterator[Cost]:
-    imu, n = flight.config.imu, flight.problem.model.n
+    imu, n = flight.config.imu, len(flight.problem.model.torque_units)
     values = channels(flight.blocks, flight.problem)
     for name, key, delay_s, first in (
         ("accelerometer", "acc_group_delay_s", imu.acc_group_delay_s, n),

@@ -82,17 +82,17 @@ def _sigma(R: FloatArray) -> FloatArray:
 
 def blocks_along(config: Config, problem: Problem, trajectory: Trajectory) -> list[Block]:
     """Return the blocks of a motion with the measurements predicted at the problem's prior mean."""
-    n = problem.model.n
+    count = len(problem.model.torque_units)
 
     def still(t_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        return np.zeros((len(t_s), n)), np.zeros((len(t_s), 3)), np.zeros((len(t_s), 3))
+        return np.zeros((len(t_s), count)), np.zeros((len(t_s), 3)), np.zeros((len(t_s), 3))
 
     blocks = sampled_blocks(config, problem.model, trajectory, still)
     return measured(blocks, channels(blocks, problem))
 
 
 def channels(blocks: Sequence[Block], problem: Problem) -> list[FloatArray]:
-    """Return predicted torque, specific force and rate (m, n + 6) per block, at the prior mean."""
+    """Return predicted torque, specific force and rate (m, t + 6) per block, at the prior mean."""
     before: Impulse | None = None
     found: list[FloatArray] = []
     for s in stacks_of(blocks):
@@ -104,7 +104,7 @@ def channels(blocks: Sequence[Block], problem: Problem) -> list[FloatArray]:
 
 
 def measured(blocks: Sequence[Block], values: Sequence[FloatArray]) -> list[Block]:
-    """Return the blocks with their measured channels replaced by `values`, (m, n + 6) per block."""
+    """Return the blocks with their measured channels replaced by `values`, (m, t + 6) per block."""
     return [
         replace(
             block,

@@ -22,7 +22,7 @@ def nominal_motion(config: Config, model: RobotModel) -> Trajectory:
     joints = [config.joints[k] for k in joint_order(config, model)]
     lower, upper = (
         np.array(limit[7:])
-        for limit in (model.model.lowerPositionLimit, model.model.upperPositionLimit)
+        for limit in (model.plain.model.lowerPositionLimit, model.plain.model.upperPositionLimit)
     )
     bounded = np.abs(upper - lower) < 2.0 * np.pi
     middle = 0.5 * (np.where(bounded, lower, 0.0) + np.where(bounded, upper, 0.0))

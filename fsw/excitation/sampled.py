@@ -22,7 +22,7 @@ def sampled_blocks(
 ) -> list[Block]:
     """Return the blocks of all whole windows of a motion; unusable windows are left out.
 
-    `signals` returns for times (m,) [s] the joint torque (m, n) [N m], the base's rate [rad/s] and
+    `signals` returns for times (m,) [s] the torques (m, t) [N m], the base's rate [rad/s] and
     the inertial unit's specific force [m/s^2], both (m, 3) in B.
     """
     window_ns = round(config.estimator.window_s * 1e9)
@@ -83,6 +83,12 @@ class _Windows:
             thrusters=tuple(
                 _valve(_times(start_ns, window_ns, own.rate_hz), window_ns, own.name, self._firings)
                 for own in config.thrusters
+            ),
+            wrenches=tuple(
+                _channel(t, self._signals(_seconds(t))[0][:, first : first + 6])
+                for k, own in enumerate(config.wrench_sensors)
+                for t in [_times(start_ns, window_ns, own.rate_hz)]
+                for first in [len(self._own) + 6 * k]
             ),
         )
 

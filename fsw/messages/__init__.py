@@ -83,6 +83,20 @@ class WheelSamples:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class WrenchSamples:
+    """Readings of force-torque sensors, in order of arrival."""
+
+    t_ns: IntArray  # (k,) time of validity
+    t_receive_ns: IntArray  # (k,)
+    sensor: IntArray  # (k,) index in the configured list of wrench sensors
+    wrench: FloatArray  # (k, 6) in axes S: force [N], moment about the origin of S [N m]
+
+    def __len__(self) -> int:
+        """Return the number of samples."""
+        return len(self.t_ns)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class ThrusterSamples:
     """States of thrusters' valves at latches and at changes, in order of arrival."""
 
@@ -97,10 +111,20 @@ class ThrusterSamples:
         return len(self.t_ns)
 
 
-Samples = JointSamples | ImuSamples | AttitudeSamples | WheelSamples | ThrusterSamples
+Samples = (
+    JointSamples | ImuSamples | AttitudeSamples | WheelSamples | WrenchSamples | ThrusterSamples
+)
 
 
-_S = TypeVar("_S", JointSamples, ImuSamples, AttitudeSamples, WheelSamples, ThrusterSamples)
+_S = TypeVar(
+    "_S",
+    JointSamples,
+    ImuSamples,
+    AttitudeSamples,
+    WheelSamples,
+    WrenchSamples,
+    ThrusterSamples,
+)
 
 
 def joined(parts: Sequence[_S]) -> _S:
@@ -134,6 +158,7 @@ class Window:
     attitude: ChannelWindow  # values: q_NB_xyzw
     wheels: tuple[ChannelWindow, ...] = ()  # values: [speed_rad_s, torque_nm], NaN: torque unusable
     thrusters: tuple[ChannelWindow, ...] = ()  # values: [is_open, is_change], NaN: not known
+    wrenches: tuple[ChannelWindow, ...] = ()  # values: six axes, see `WrenchSamples`
 
 
 def _no_wheels() -> FloatArray:
@@ -152,6 +177,8 @@ def _no_noise() -> FloatArray:
 class Block:
     """One window compressed to m Gauss-Legendre nodes; n joints in the robot model's order.
 
+    The t torques are those of the joints, then the six axes of each wrench sensor [N, N m].
+
     Every channel is a local polynomial of its samples in the window, evaluated at the same m
     instants. Values of a least-squares polynomial of degree m-1 at m Gauss nodes are uncorrelated
     and together hold all information of the polynomial. Covariances are of the values at all nodes.
@@ -162,7 +189,7 @@ class Block:
     q_rad: FloatArray  # (m, n) joint positions
     qd_rad_s: FloatArray  # (m, n)
     qdd_rad_s2: FloatArray  # (m, n)
-    tau_nm: FloatArray  # (m, n)
+    tau_nm: FloatArray  # (m, t)
     w_NB_B_rad_s: FloatArray  # (m, 3) gyro rotated to B, bias not removed
     wd_NB_B_rad_s2: FloatArray  # (m, 3) derivative of w
     f_NS_B_m_s2: FloatArray  # (m, 3) specific force at the sensor, in B axes, bias not removed
@@ -170,14 +197,14 @@ class Block:
     cov_joint: (
         FloatArray  # (n, 2 m, 2 m) of [qd, qdd] at the nodes, or (n, 3 m, 3 m) of [qd, qdd, q]
     )
-    cov_tau: FloatArray  # (n, m, m)
+    cov_tau: FloatArray  # (t, m, m)
     cov_gyro: FloatArray  # (2 m, 2 m) of one axis: [w at the nodes, wd at the nodes]
     cov_acc: FloatArray  # (m, m) of one axis
-    has_joint: NDArray[np.bool_]  # (n,) torque of the joint usable
+    has_joint: NDArray[np.bool_]  # (t,) torque usable
     has_gyro: bool
     has_accelerometer: bool
     has_attitude: bool
-    # (L, n) mean products of the torques' residuals at L lags of samples; zero: not known
+    # (L, t) mean products of the torques' residuals at L lags of samples; zero: not known
     tau_products_nm2: FloatArray = field(default_factory=lambda: np.zeros((1, 1)))
     # (L, 2) the same for gyro and accelerometer, mean over the axes
     imu_products: FloatArray = field(default_factory=lambda: np.zeros((1, 2)))

@@ -24,6 +24,7 @@ from fsw.messages import (
     ThrusterSamples,
     WheelSamples,
     Window,
+    WrenchSamples,
     joined,
 )
 
@@ -146,6 +147,8 @@ class Aligner:
         self._joint_names = [joint.name for joint in config.joints[:n_joints]]
         self._gyro = _Bins(3, [channel(config.imu.rate_hz)])
         self._acc = _Bins(3, [channel(config.imu.rate_hz)])
+        wrenches = [channel(sensor.rate_hz) for sensor in config.wrench_sensors]
+        self._wrenches = _Bins(6, wrenches) if wrenches else None
         slow = [  # one sample is enough: earlier windows show the state too
             _Channel(
                 min_count=1,
@@ -172,6 +175,8 @@ class Aligner:
             self._late["wheels"] = 0
         if thrusters:
             self._late["thrusters"] = 0
+        if wrenches:
+            self._late["wrench_sensors"] = 0
         self._early = self._future = self._overflow = 0
         self.skipped = 0  # empty windows of gaps that were skipped
 
@@ -263,6 +268,10 @@ class Aligner:
                 values = np.column_stack([samples.speed_rad_s, samples.torque_nm])
                 late = self._add(self._wheels, samples.wheel, samples.t_ns, received_ns, values)
                 self._late["wheels"] += int(late.sum())
+        elif isinstance(samples, WrenchSamples):
+            if self._wrenches is not None:
+                own = samples.sensor, samples.t_ns, received_ns, samples.wrench
+                self._late["wrench_sensors"] += int(self._add(self._wrenches, *own).sum())
         elif isinstance(samples, ThrusterSamples):
             if self._thrusters is not None:
                 values = np.column_stack([samples.is_open, samples.is_change])
@@ -294,7 +303,8 @@ class Aligner:
 
     def _skip_gap(self, stop: int) -> None:
         """Skip empty windows before the next one with samples, all but the last MOST_EMPTY."""
-        kinds = (self._joints, self._gyro, self._acc, self._wheels, self._thrusters, self._attitude)
+        kinds: list[_Bins | None] = [self._joints, self._gyro, self._acc, self._attitude]
+        kinds += [self._wheels, self._thrusters, self._wrenches]
         held = [bins.first() for bins in kinds if bins is not None]
         filled = min((index for index in held if index is not None), default=stop)
         following = min(filled, stop) - MOST_EMPTY
@@ -317,6 +327,7 @@ class Aligner:
             attitude=self._attitude.close(index, stop_ns)[0],
             wheels=() if self._wheels is None else self._wheels.close(index, stop_ns),
             thrusters=() if self._thrusters is None else self._thrusters.close(index, stop_ns),
+            wrenches=() if self._wrenches is None else self._wrenches.close(index, stop_ns),
         )
 
     def _deadline(self, index: int) -> int:

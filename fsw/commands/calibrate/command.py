@@ -39,7 +39,8 @@ def calibrate(arguments: argparse.Namespace, tell: Tell) -> tuple[str, bool]:
         if arguments.out is not None and path.resolve() == arguments.out.resolve():
             raise ConfigError(f"--out {arguments.out}: is read by this command; must be another")
     robot = Robot(arguments.config).with_overlays(*arguments.overlay)
-    config, span = robot.config, Span(arguments.from_s, arguments.to_s)
+    config = robot.config.with_sections(wrench_sensors=())  # it calibrates joints and base
+    span = Span(arguments.from_s, arguments.to_s)
     for warning in robot.warnings:
         tell(f"warning: {config.name}: {warning}")
     if len(recordings) > 1 and (arguments.mode == "rest" or config.joints):

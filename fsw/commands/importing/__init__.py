@@ -10,7 +10,7 @@ from fsw.commands.importing.mapping import read_mapping
 from fsw.commands.importing.samples import sampled_channels
 from fsw.config import Config
 from fsw.exchange.recording import SAMPLED, SAMPLES
-from fsw.exchange.sinks import IMU, JOINTS, STAR_TRACKER, WHEELS
+from fsw.exchange.sinks import IMU, JOINTS, STAR_TRACKER, WHEELS, WRENCH_SENSORS
 from fsw.messages.errors import ConfigError
 from fsw.service.recorder import open_recording
 
@@ -125,7 +125,8 @@ def _refuse_gaps(config: Config, channels: Sequence[Channel]) -> None:
     """Raise ConfigError if a configured sensor has no channel, or two, or an unknown one has."""
     topics = [channel.topic for channel in channels]
     sampled = {topic.removeprefix(SAMPLES) for topic in topics if topic.startswith(SAMPLES)}
-    known = {*_lines(config), *([JOINTS] * bool(config.joints)), *([WHEELS] * bool(config.wheels))}
+    parts = {JOINTS: config.joints, WHEELS: config.wheels, WRENCH_SENSORS: config.wrench_sensors}
+    known = {*_lines(config), *(name for name, own in parts.items() if own)}
     for line in sampled - known:
         raise ConfigError(f"--map: {line} is not in {config.name}")
     twice = {topic for topic in topics if topics.count(topic) > 1}
@@ -137,7 +138,9 @@ def _refuse_gaps(config: Config, channels: Sequence[Channel]) -> None:
     needed |= {f"/serial/{line}": f"--serial {line}=FILE" for line in lines}
     missing = [key for topic, key in needed.items() if topic not in topics]
     if not buses and config.wheels and WHEELS not in sampled:
-        missing.append("wheels")
+        missing.append(WHEELS)
+    if config.wrench_sensors and WRENCH_SENSORS not in sampled:
+        missing.append(WRENCH_SENSORS)
     if missing:
         words = ", ".join(missing)
         raise ConfigError(f"{config.name} has sensors without a file: add {words}, or map them")

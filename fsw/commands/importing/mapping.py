@@ -152,6 +152,25 @@ class Wheels(Source):
     speed: Speeds
 
 
+class SensedForces(Quantity):
+    """Forces of wrench sensors."""
+
+    unit: Annotated[tuple[str, ...], _one_of("N", "mN")]
+
+
+class SensedTorques(Quantity):
+    """Moments of wrench sensors."""
+
+    unit: Annotated[tuple[str, ...], _one_of("N m", "mN m")]
+
+
+class WrenchSensors(Source):
+    """All wrench sensors, in the order of the configuration: x, y and z of each in its axes."""
+
+    force: SensedForces
+    torque: SensedTorques
+
+
 class StarTracker(Source):
     """The star tracker."""
 
@@ -163,15 +182,17 @@ class Mapping(Section):
 
     time: TimeColumn | None = None
     joints: Joints | None = None
+    wrench_sensors: WrenchSensors | None = None
     wheels: Wheels | None = None
     imu: Imu | None = None
     star_tracker: StarTracker | None = None
 
     @property
-    def sections(self) -> dict[str, Joints | Wheels | Imu | StarTracker]:
+    def sections(self) -> dict[str, Joints | WrenchSensors | Wheels | Imu | StarTracker]:
         """The sections that the file contains, by name of their source."""
         every = {
             "joints": self.joints,
+            "wrench_sensors": self.wrench_sensors,
             "wheels": self.wheels,
             "imu": self.imu,
             "star_tracker": self.star_tracker,

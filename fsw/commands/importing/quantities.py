@@ -147,6 +147,15 @@ def by_name(names: Sequence[str]) -> Callable[[FloatArray], dict[str, float]]:
     return words
 
 
+def by_sensor(names: Sequence[str]) -> Callable[[FloatArray], dict[str, list[float]]]:
+    """Return a function that returns the three values of each sensor by name."""
+
+    def words(values: FloatArray) -> dict[str, list[float]]:
+        return dict(zip(names, values.reshape(-1, 3).tolist(), strict=True))
+
+    return words
+
+
 def listed(values: FloatArray) -> list[float]:
     """Return the values of a row, or nothing if one is missing."""
     known: list[float] = values.tolist() if np.isfinite(values).all() else []

@@ -5,8 +5,10 @@ calibration and delays of the configuration, as the daemon does to received valu
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from copy import copy
 from dataclasses import replace
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
@@ -21,19 +23,38 @@ from fsw.commands.importing.mapping import (
     StarTracker,
     TimeColumn,
     Wheels,
+    WrenchSensors,
 )
 from fsw.commands.importing.poses import Held, standstills
-from fsw.commands.importing.quantities import Field, Found, by_name, listed, part_of, within
+from fsw.commands.importing.quantities import (
+    Field,
+    Found,
+    by_name,
+    by_sensor,
+    listed,
+    part_of,
+    within,
+)
 from fsw.commands.importing.stamps import judged
 from fsw.commands.importing.tables import Parts, Table
 from fsw.commands.importing.usable import usable
 from fsw.config import Config
 from fsw.drivers.codecs.stim300 import STANDARD_GRAVITY_M_S2
-from fsw.drivers.sources.samples import FORCE, NORM_TOLERANCE, QUATERNION, RATE, SPEED
+from fsw.drivers.sources.samples import (
+    FORCE,
+    FORCE_N,
+    NORM_TOLERANCE,
+    QUATERNION,
+    RATE,
+    SPEED,
+    TORQUE,
+)
 from fsw.exchange.recording import END_NS, SAMPLES
 from fsw.exchange.recording_writer import RecordingWriter
 from fsw.messages import FloatArray
 from fsw.messages.errors import ConfigError
+
+POSED = ("joints", "wrench_sensors")  # sections of a table of static poses
 
 
 class _Section:
@@ -44,13 +65,13 @@ class _Section:
     ) -> None:
         self.name = name
         self.time = mapping.time_of(name, source)
-        self._source, self._open = source, open_table
+        self.source, self._open = source, open_table
         self.stamps_s, self.notes = self.table(None).column(self.time.column, self.time.unit)
         self.stamps_s = self.stamps_s * FACTORS[self.time.unit]
 
     def table(self, file: Path | None) -> Parts:
         """Return the table of a quantity; None: that of the section."""
-        return self._open(self.name, self._source.file if file is None else (file,))
+        return self._open(self.name, self.source.file if file is None else (file,))
 
 
 class _Poses(_Section):
@@ -59,15 +80,21 @@ class _Poses(_Section):
     def __init__(
         self, config: Config, mapping: Mapping, joints: Joints, open_table: Callable[..., Parts]
     ) -> None:
-        others = [name for name in mapping.sections if name != "joints"]
-        if others or joints.time is not None:
-            what = others[0] if others else "joints.time"
-            raise ConfigError(f"joints.poses: poses have no time; {what} must not be mapped")
+        timed = [name for name in mapping.sections if name not in POSED]
+        timed += [f"{name}.time" for name, own in mapping.sections.items() if own.time is not None]
+        if timed:
+            raise ConfigError(f"joints.poses: poses have no time; {timed[0]} must not be mapped")
         self.name, self.notes, self.time = "joints", [], TimeColumn(column="pose", unit="s")
-        self._source, self._open, self._rows = joints, open_table, None
+        self.source, self._open, self._rows = joints, open_table, None
         order = joints.order or [joint.name for joint in config.joints]
         poses = part_of(self, "joints.position", joints.position, order).finite
         self._rows, self.stamps_s = standstills(config, poses)
+
+    def of(self, name: str, source: Source) -> Self:
+        """Return the section of another sensor at the same poses."""
+        other = copy(self)
+        other.name, other.source = name, source
+        return other
 
     def table(self, file: Path | None) -> Parts:
         """Return the table with a row for every sample."""
@@ -100,22 +127,24 @@ def sampled_channels(
                 tables[path] = Table(path)
         return Parts([tables[path] for path in paths if path is not None])
 
+    poses: _Poses | None = None
+    if mapping.joints is not None and mapping.joints.poses:
+        poses = _Poses(config, mapping, mapping.joints, open_table)
     for name, source in mapping.sections.items():
-        if isinstance(source, Joints) and source.poses:
-            section: _Section = _Poses(config, mapping, source, open_table)
-            found = replace(found_joints(config, source, section), may_repeat=True)
-            yield _channel(section, found)
-            continue
-        section = _Section(name, mapping, source, open_table)
+        section = (
+            _Section(name, mapping, source, open_table) if poses is None else poses.of(name, source)
+        )
         if isinstance(source, Joints):
             found = found_joints(config, source, section)
         elif isinstance(source, Wheels):
             found = _wheels(config, source, section)
+        elif isinstance(source, WrenchSensors):
+            found = _wrench_sensors(config, source, section)
         elif isinstance(source, Imu):
             found = _imu(config, source, section)
         else:
             found = _star_tracker(config, source, section)
-        yield _channel(section, found)
+        yield _channel(section, found if poses is None else replace(found, may_repeat=True))
 
 
 def _wheels(config: Config, mapped: Wheels, section: _Section) -> Found:
@@ -138,6 +167,30 @@ def _wheels(config: Config, mapped: Wheels, section: _Section) -> Found:
         may_repeat=True,
         columns=speed.columns,
         slots=names,
+    )
+
+
+def _wrench_sensors(config: Config, mapped: WrenchSensors, section: _Section) -> Found:
+    sensors = config.wrench_sensors
+    names = [sensor.name for sensor in sensors]
+    slots = [f"{name}.{axis}" for name in names for axis in "xyz"]
+    slots = list("xyz") if len(names) == 1 else slots
+    force = part_of(section, "wrench_sensors.force", mapped.force, slots)
+    torque = part_of(section, "wrench_sensors.torque", mapped.torque, slots)
+    limits = [[limit for own in sensors for limit in own.limits[k : k + 3]] for k in (0, 3)]
+    forces, troubles = within(section, force, limits[0], "N")
+    torques, more = within(section, torque, limits[1], "N m")
+    return Found(
+        fields={
+            FORCE_N: Field(values=forces, unit="N", words=by_sensor(names)),
+            TORQUE: Field(values=torques, unit="N m", words=by_sensor(names)),
+        },
+        needed=np.concatenate([forces, torques], axis=1),
+        needs="every axis",
+        rates_hz={f"wrench_sensors.{i}.rate_hz": own.rate_hz for i, own in enumerate(sensors)},
+        troubles=[*troubles, *more],
+        columns=[*force.columns, *torque.columns],
+        slots=[*(f"force.{slot}" for slot in slots), *(f"torque.{slot}" for slot in slots)],
     )
 
 

@@ -112,6 +112,7 @@ def _recording(
 
 
 def _plan(path: Path, config: Config) -> tuple[Problem, Motion, dict[str, list[Guess]], str]:
+    config = config.model_copy(update={"wrench_sensors": ()})
     model = RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
     problem = build_problem(config, model, exact=True)
     trajectory = spline.load(path)

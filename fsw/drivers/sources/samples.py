@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from fsw.config import Config, ImuConfig, StarTrackerConfig, WheelConfig
+from fsw.config import Config, ImuConfig, StarTrackerConfig, WheelConfig, WrenchSensorConfig
 from fsw.drivers.codecs.stim300 import STANDARD_GRAVITY_M_S2
 from fsw.drivers.sources.counters import Counters
 from fsw.drivers.sources.joint_track import Calibration
@@ -23,19 +23,20 @@ from fsw.messages import (
     IntArray,
     JointSamples,
     WheelSamples,
+    WrenchSamples,
 )
 from fsw.messages.errors import WRONG_CONTENT
 from fsw.messages.findings import Finding
 
 POSITION, TORQUE = "position_rad", "torque_nm"  # keys of values of joints, by name
-POSITION_M, FORCE_N = "position_m", "force_n"  # of prismatic joints
+POSITION_M, FORCE_N = "position_m", "force_n"  # of prismatic joints; forces of wrench sensors too
 SPEED = "speed_rad_s"  # key of joints whose encoder gives no position, and of wheels, by name
 SPEED_M_S = "speed_m_s"  # of prismatic joints
 RATE, FORCE = "w_NS_S_rad_s", "f_NS_S_m_s2"
 QUATERNION = "q_xyzw"
 NORM_TOLERANCE = 1e-2
 NOTHING = (np.nan, np.nan, np.nan)
-Decoded = JointSamples | ImuSamples | AttitudeSamples | WheelSamples
+Decoded = JointSamples | ImuSamples | AttitudeSamples | WheelSamples | WrenchSamples
 Row = Callable[[Mapping[str, Any]], Sequence[float]]
 Build = Callable[[IntArray, FloatArray], Decoded]
 
@@ -148,6 +149,32 @@ def wheel_samples(wheels: Sequence[WheelConfig]) -> SampleSource:
         )
 
     return SampleSource(row, build, n)
+
+
+def wrench_samples(sensors: Sequence[WrenchSensorConfig]) -> SampleSource:
+    """Return the source of all wrench sensors: lists of x, y, z by name of the sensor [N, N m]."""
+    names = [sensor.name for sensor in sensors]
+    limits = np.array([sensor.limits for sensor in sensors])
+    signs = np.array([sensor.sign for sensor in sensors])
+    delays_ns = np.array([round(sensor.delay_s * 1e9) for sensor in sensors], np.int64)
+
+    def row(message: Mapping[str, Any]) -> list[float]:
+        found = list[float]()
+        for name in names:
+            for key in (FORCE_N, TORQUE):
+                x, y, z = message[key].get(name, NOTHING)
+                found += [float(x), float(y), float(z)]
+        return found
+
+    def build(t_ns: IntArray, values: FloatArray) -> WrenchSamples:
+        sensor, stamps = np.tile(np.arange(len(names)), len(t_ns)), np.repeat(t_ns, len(names))
+        wrench = values.reshape(-1, 6)
+        good = (np.abs(wrench) <= limits[sensor]).all(axis=1)
+        sensor, stamps, wrench = sensor[good], stamps[good], wrench[good]
+        wrench = wrench * signs[sensor, None]
+        return WrenchSamples(stamps - delays_ns[sensor], stamps, sensor, wrench)
+
+    return SampleSource(row, build, len(names))
 
 
 def imu_samples(config: ImuConfig) -> SampleSource:

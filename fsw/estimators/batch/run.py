@@ -33,9 +33,8 @@ from fsw.estimators.measurement.compensated import block_sums, compensated_mean,
 from fsw.estimators.measurement.first_rate import at_first_rate
 from fsw.estimators.measurement.mrnea import Rows
 from fsw.estimators.measurement.row_functions import Linearisation, row_function, stack
-from fsw.estimators.model.building import build_problem
+from fsw.estimators.model.building import build_problem, robot_of
 from fsw.estimators.model.problem import IMPLAUSIBLE, Problem
-from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.plausible import plausible
 from fsw.estimators.publish import body_estimate, whole_estimate
 from fsw.estimators.reasons import Failed, is_displaced, reasons
@@ -142,7 +141,7 @@ def _run(
         what = "a reference" if reference else f"method {method!r}"
         raise EstimatorError(f"{what} knows no modes: {' or '.join(METHODS_MODES)}, without one")
     chosen = config.with_unknown(tuple(unknown)) if unknown else config
-    model = RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
+    model = robot_of(config)
     settings = config.estimator
     weighting = settings.weighting if method == "mrnea" else "eiv"
     exact = weighting != "eiv" or method == "ce"
@@ -201,7 +200,7 @@ def _run(
         "estimate": {name: _plain(body, "") for name, body in bodies.items()},
         "sigma": {name: _plain(body, "sigma") for name, body in bodies.items()},
         "whole": _plain(whole, "") | {"sigma": _plain(whole, "sigma")},
-        **noise.report(model.joint_names),
+        **noise.report(model.torque_units, model.n),
         "diagnosis": diagnose_batch(
             problem,
             fused,

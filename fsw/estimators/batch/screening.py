@@ -43,7 +43,7 @@ def fits_throughout(
     if result["status"] not in SETTLED or result["gated"] or not fused:
         return False
     settings = config.estimator
-    screen = ChannelScreen(problem.model.joint_names, config.health.false_alarm_probability)
+    screen = ChannelScreen(problem.model.torque_sensors, config.health.false_alarm_probability)
     nothing, nodes = np.zeros(len(x)), settings.nodes
     try:
         root: FloatArray = np.asarray(np.linalg.cholesky(covariance), np.float64)

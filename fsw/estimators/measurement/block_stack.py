@@ -43,11 +43,12 @@ class BlockStack:
 
     Attributes
     ----------
-    q_rad, qd_rad_s, qdd_rad_s2, tau_nm : (N, n)
+    q_rad, qd_rad_s, qdd_rad_s2 : (N, n)
+    tau_nm : (N, t), torques of joints, then the axes of wrench sensors
     w_NB_B_rad_s, wd_NB_B_rad_s2, f_NS_B_m_s2 : (N, 3)
     R_NB : (N, 3, 3)
     cov_joint : (B, n, 2 m, 2 m) or (B, n, 3 m, 3 m)
-    cov_tau : (B, n, m, m)
+    cov_tau : (B, t, m, m)
     cov_gyro, cov_acc : (B, 2 m, 2 m), (B, m, m)
     wheel_nms, wheel_nm : (N, k), k wheels
     cov_wheel : (B, k, 2 m, 2 m)
@@ -57,6 +58,7 @@ class BlockStack:
         self.blocks = blocks
         first = blocks[0]
         self.m, self.n = first.q_rad.shape
+        self.t = first.tau_nm.shape[1]
         self.has_joint: NDArray[np.bool_] = first.has_joint
         self.has_gyro = first.has_gyro
         self.has_accelerometer = first.has_accelerometer

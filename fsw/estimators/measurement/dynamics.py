@@ -20,16 +20,16 @@ from fsw.messages import FloatArray
 class Dynamics:
     """Mass matrix, velocity derivative and regressors at the nodes' predicted base motion."""
 
-    H: FloatArray  # (m, 6+n, 6+n)
+    H: FloatArray  # (m, 6+t, 6+n), t torques: of n joints, then the axes of wrench sensors
     H_bb_inverse: FloatArray  # (m, 6, 6)
-    C: FloatArray  # (m, 6+n, 6+n)
-    Y: FloatArray  # (m, 6+n, k) at the predicted acceleration, columns of the inertial states
+    C: FloatArray  # (m, 6+t, 6+n)
+    Y: FloatArray  # (m, 6+t, k) at the predicted acceleration, columns of the inertial states
     Y_h: FloatArray | None  # (m, 6, k) momentum regressor, where the rate is predicted by it
     nu: FloatArray  # (m, 6) predicted base velocity
     a: FloatArray  # (m, 6) predicted base acceleration
-    force: FloatArray  # (m, n) joint torque
+    force: FloatArray  # (m, t) torque
     wheels: Wheels | None
-    by_angle: FloatArray | None  # (m, 6+n, n) d(generalised force)/dq, where angles are noisy
+    by_angle: FloatArray | None  # (m, 6+t, n) d(generalised force)/dq, where angles are noisy
     h_by_angle: FloatArray | None  # (m, 6, n) d(base momentum)/dq
 
 
@@ -88,7 +88,7 @@ def dynamics(
         Y -= Y_field
     by_angle = h_by_angle = None
     if s.angles_are_noisy or present(problem.at("joint_zero")) or present(problem.at("mode_start")):
-        by_angle, h_by_angle = np.empty((N, 6 + n, n)), np.empty((N, 6, n))
+        by_angle, h_by_angle = np.empty((*H.shape[:2], n)), np.empty((N, 6, n))
         for i in range(N):
             by_angle[i] = model.angle_derivative(q[i], w[i], qd[i], a[i])
             h_by_angle[i] = model.momentum_derivative(q[i], nu[i])

@@ -59,7 +59,7 @@ def stacked_energy_rows(s: BlockStack, x: FloatArray, problem: Problem) -> list[
     spans_ns = np.array([block.t_ns[-1] - block.t_ns[0] for block in s.blocks])
     half_s = spans_ns * 0.5e-9 / legendre.leggauss(m)[0][-1]
     qd = s.qd_rad_s[:, :, None]
-    H = model.mass_matrices(s.q_rad)
+    H = model.mass_matrices(s.q_rad)[:, : 6 + n]  # an axis of a wrench sensor does no work
     N = -np.linalg.solve(H[:, :6, :6], H[:, :6, 6:])
     reduced = H[:, 6:, 6:] + H[:, :6, 6:].transpose(0, 2, 1) @ N
     nu = np.concatenate([N @ qd, qd], axis=1)[:, :, 0]
@@ -71,19 +71,19 @@ def stacked_energy_rows(s: BlockStack, x: FloatArray, problem: Problem) -> list[
     T = 0.5 * np.einsum("ij,ij->i", s.qd_rad_s, p_qd)
     T -= 0.5 * np.einsum("ijj,ij->i", reduced, own)
     J_T = np.zeros((B * m, len(x)))
-    Y = model.momentum_regressors(s.q_rad, nu)
+    Y = model.momentum_regressors(s.q_rad, nu)[:, : 6 + n]
     J_T[:, k] = 0.5 * (nu[:, None, :] @ Y)[:, 0] @ problem.U
     P, J_P = np.zeros(B * m), np.zeros((B * m, len(x)))  # power of the gravity gradient
     if problem.orbit is not None:
         G = field(s, problem)
-        by_pi = (nu[:, None] @ model.field_regressors(s.q_rad, G))[:, 0]
+        by_pi = (nu[:, None] @ model.field_regressors(s.q_rad, G)[:, : 6 + n])[:, 0]
         P, J_P[:, k] = by_pi @ pi, by_pi @ problem.U
     moved = np.zeros((B * m, n))  # joint torque that the wheels' moment is equivalent to
     if turned is not None:
         T, P = T + turned.energy_j, P - np.einsum("ij,ij->i", nu[:, 3:6], turned.hd_nm)
         turned.fill_columns(J_T, J_P, nu, Y[:, :6] @ problem.U, k)
         moved = (N[:, 3:].transpose(0, 2, 1) @ turned.hd_nm[:, :, None])[:, :, 0]
-    work, tau = half_s[:, None, None] * value, s.tau_nm
+    work, tau = half_s[:, None, None] * value, s.tau_nm[:, :n]
     J = -slope @ s.by_block(J_T) - work @ s.by_block(J_P)
     if present(problem.at("torque_offset")):
         tau = tau - x[problem.at("torque_offset")]
@@ -169,7 +169,7 @@ def _covariance(
     by_qd = np.einsum("brm,bmj->bjrm", work, s.by_block(tau))
     by_qd += np.einsum("rm,bmj->bjrm", slope, s.by_block(p_qd))
     rates = s.cov_joint[:, :, : s.m, : s.m]
-    S = np.sum(by_tau @ s.cov_tau @ by_tau.transpose(0, 1, 3, 2), axis=1)
+    S = np.sum(by_tau @ s.cov_tau[:, : s.n] @ by_tau.transpose(0, 1, 3, 2), axis=1)
     S += np.sum(by_qd @ rates @ by_qd.transpose(0, 1, 3, 2), axis=1)
     floor = 1e-9 * np.trace(S, axis1=1, axis2=2) + 1e-24
     total: FloatArray = S + floor[:, None, None] * np.eye(S.shape[1])

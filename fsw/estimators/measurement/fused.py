@@ -60,14 +60,14 @@ def predict(
     from external moments up to the block.
     """
     s = as_true(block if isinstance(block, BlockStack) else BlockStack((block,)), x, problem)
-    n = s.n
+    n, t = s.n, s.t
     if problem.modes is None:
         at = _ideal(s, x, problem, rate, before)
     else:
         at = released(s, x, problem, rate, before, _ideal)
     D, D_q, D_wheel, D_start = at.D, at.D_q, at.D_wheel, at.D_start
     tau, f, w = at.tau, at.f, at.w
-    D_w, J = D[:, : n + 3, n : n + 3], D[:, :, 2 * n + 3 :]
+    D_w, J = D[:, : t + 3, n : n + 3], D[:, :, 2 * n + 3 :]
     single = [gains for gains in (D, D_q, D_start) if gains is not None]
     every = [*single, *(() if D_wheel is None else D_wheel)]
     if any(
@@ -78,38 +78,38 @@ def predict(
     if problem.torque_terms:
         motion, each = s.joint_motion, np.arange(n)
         more = added(problem.torque_terms, motion, x)
-        tau = tau + more.torque_nm
+        tau[:, :n] += more.torque_nm
         D[:, each, each] += more.by_acceleration
         D[:, each, n + 3 + each] += more.by_rate
         if D_q is not None:
             D_q[:, each, each] += more.by_angle
         fill_columns(J[:, :n], problem.torque_terms, motion)
-    if present(problem.at("torque_scale")):
-        gain = 1.0 + x[problem.at("torque_scale")]
+    for states, rows in problem.sensed("torque_scale", "wrench_scale"):
+        gain = 1.0 + x[states]
         for gains in every:
-            gains[:, :n] *= gain[:, None]
-        J[:, :n, problem.at("torque_scale")] += tau[:, :, None] * np.eye(n)
-        tau = tau * gain
+            gains[:, rows] *= gain[:, None]
+        J[:, rows, states] += tau[:, rows, None] * np.eye(len(gain))
+        tau[:, rows] *= gain
     if D_q is not None:
         fill_angle_columns(J, D_q, s, problem)
-    if present(problem.at("torque_offset")):
-        tau = tau + x[problem.at("torque_offset")]
-        J[:, :n, problem.at("torque_offset")] += np.eye(n)
+    for states, rows in problem.sensed("torque_offset", "wrench_offset"):
+        tau[:, rows] += x[states]
+        J[:, rows, states] += np.eye(states.stop - states.start)
     if present(problem.at("acc_bias")):
         f = f + x[problem.at("acc_bias")]
-        J[:, n : n + 3, problem.at("acc_bias")] += np.eye(3)
+        J[:, t : t + 3, problem.at("acc_bias")] += np.eye(3)
     if present(problem.at("gyro_bias")):
         w = w + x[problem.at("gyro_bias")]
-        J[:, n + 3 :, problem.at("gyro_bias")] += np.eye(3)
+        J[:, t + 3 :, problem.at("gyro_bias")] += np.eye(3)
     return Prediction(
         tau_nm=tau,
         f_m_s2=f,
         w_rad_s=w,
         J=J,
-        J_tau=J[:, :n],
-        J_f=J[:, n : n + 3],
-        J_w=J[:, n + 3 :],
-        D_qdd=D[:, : n + 3, :n],
+        J_tau=J[:, :t],
+        J_f=J[:, t : t + 3],
+        J_w=J[:, t + 3 :],
+        D_qdd=D[:, : t + 3, :n],
         D_qd=D[:, :, n + 3 : 2 * n + 3],
         D_w=D_w,
         D_q=D_q if s.angles_are_noisy else None,
@@ -136,9 +136,10 @@ def _ideal(
     w, lever = d.nu[:, 3:], np.concatenate([np.eye(3), -skew(r)], axis=1)
     f = d.a @ lever.T + w * (w @ r)[:, None] - np.sum(w * w, axis=1)[:, None] * r - G @ r
     D = state_gains(s, x, problem, d, J_L, r)
-    D_w = D[:, : n + 3, n : n + 3]
+    t = d.force.shape[1]
+    D_w = D[:, : t + 3, n : n + 3]
     if present(problem.at("imu_place")):
-        D[:, n : n + 3, 2 * n + 3 :][:, :, problem.at("imu_place")] += by_place(d.a[:, 3:], w) - G
+        D[:, t : t + 3, 2 * n + 3 :][:, :, problem.at("imu_place")] += by_place(d.a[:, 3:], w) - G
     D_q, D_wheel = angle_gain(d, D_w, r, rate), wheel_gain(d, D_w, r, rate)
     return Channels(d.force, f, w, D, D_q, D_wheel, after)
 
@@ -152,11 +153,11 @@ def _as_read(
     rate: Rate,
 ) -> tuple[FloatArray, FloatArray]:
     """Return force and rate (N, 3) as the inertial unit reads them; convert all gains in place."""
-    n = problem.model.n
+    t = D.shape[1] - 6
     R, by_angle = turn(x, problem)
     to_read = R.T, np.linalg.solve(gyro_turn(x, problem), np.eye(3))
     J = D[:, :, D.shape[2] - len(x) :]
-    places = [slice(n, n + 3), slice(n + 3, n + 6)][: 1 if rate == "measured" else 2]
+    places = [slice(t, t + 3), slice(t + 3, t + 6)][: 1 if rate == "measured" else 2]
     for k, M, true in zip(places, to_read, channels, strict=False):
         for gains in every:
             gains[:, k] = M @ gains[:, k]
@@ -164,7 +165,7 @@ def _as_read(
             J[:, k, problem.at("imu_angle")] += M @ skew(true) @ by_angle
     if rate != "measured":
         w, by_rate = channels[1], np.broadcast_to(-to_read[1], (len(D), 3, 3))
-        fill_gyro_columns(J[:, n + 3 :], by_rate, w, x, problem)
+        fill_gyro_columns(J[:, t + 3 :], by_rate, w, x, problem)
     f, w = (true @ M.T for true, M in zip(channels, to_read, strict=True))
     return f, w
 

@@ -20,13 +20,14 @@ def state_gains(
     J_L: FloatArray | None,
     r: FloatArray,
 ) -> FloatArray:
-    """Return d[tau; f; w]/d[qdd, w, qd, x] (N, n + 6, 2 n + 3 + p) without the sensors' own errors.
+    """Return d[tau; f; w]/d[qdd, w, qd, x] (N, t + 6, 2 n + 3 + p) without the sensors' own errors.
 
     The base rows of the direct effect on the generalised force give the base's acceleration, which
     acts on torque and specific force. What changes the rate acts on both through the rate.
     """
     n, w, lever = s.n, d.nu[:, 3:], np.concatenate([np.eye(3), -skew(r)], axis=1)
-    direct = np.zeros((len(w), 6 + n, 2 * n + 3 + len(x)))
+    t = d.force.shape[1]
+    direct = np.zeros((len(w), 6 + t, 2 * n + 3 + len(x)))
     direct[:, :, :n], direct[:, :, n : 2 * n + 3] = d.H[:, :, 6:], d.C[:, :, 3:]
     by_state = direct[:, :, 2 * n + 3 :]
     by_state[:, :, problem.inertial] = d.Y
@@ -35,14 +36,14 @@ def state_gains(
     if d.wheels is not None:
         by_state[:, 3:6] += d.wheels.by_state(w)
     base = -(d.H_bb_inverse @ direct[:, :6])
-    D = np.empty((len(w), n + 6, direct.shape[2]))
-    D[:, :n] = direct[:, 6:] + d.H[:, 6:, :6] @ base
-    D[:, n : n + 3] = lever @ base
-    D_w = D[:, : n + 3, n : n + 3]  # w x (w x r) = w (w.r) - r (w.w)
-    D_w[:, n:] += (w @ r)[:, None, None] * np.eye(3) + w[:, :, None] * r
-    D_w[:, n:] -= 2.0 * r[:, None] * w[:, None, :]
-    D[:, n + 3 :] = 0.0
-    rate = D[:, n + 3 :, n + 3 :]  # by qd and x
+    D = np.empty((len(w), t + 6, direct.shape[2]))
+    D[:, :t] = direct[:, 6:] + d.H[:, 6:, :6] @ base
+    D[:, t : t + 3] = lever @ base
+    D_w = D[:, : t + 3, n : n + 3]  # w x (w x r) = w (w.r) - r (w.w)
+    D_w[:, t:] += (w @ r)[:, None, None] * np.eye(3) + w[:, :, None] * r
+    D_w[:, t:] -= 2.0 * r[:, None] * w[:, None, :]
+    D[:, t + 3 :] = 0.0
+    rate = D[:, t + 3 :, n + 3 :]  # by qd and x
     if d.Y_h is not None:
         rate[:, :, :n] = base[:, 3:, :n]
         rate[:, :, n:][:, :, problem.inertial] = -(d.H_bb_inverse[:, 3:] @ d.Y_h)
@@ -55,7 +56,7 @@ def state_gains(
         if present(problem.at("imu_angle")):
             own[:, :, problem.at("imu_angle")] = -skew(w) @ turn(x, problem)[1]
         fill_gyro_columns(own, np.broadcast_to(np.eye(3), (len(w), 3, 3)), w, x, problem)
-    D[:, : n + 3, n + 3 :] += D_w @ rate
+    D[:, : t + 3, n + 3 :] += D_w @ rate
     return D
 
 
@@ -66,30 +67,30 @@ def by_place(wd: FloatArray, w: FloatArray) -> FloatArray:
 
 
 def angle_gain(d: Dynamics, D_w: FloatArray, r: FloatArray, rate: Rate) -> FloatArray | None:
-    """Return d[tau; f; w]/dq (m, n + 6, n) without external wrench; None where angles are exact."""
+    """Return d[tau; f; w]/dq (m, t + 6, n) without external wrench; None where angles are exact."""
     if d.by_angle is None or d.h_by_angle is None:
         return None
-    n, H_bm = d.by_angle.shape[2], d.H[:, :6, 6:]
+    n = d.by_angle.shape[2]
     reaction = -d.H_bb_inverse @ np.concatenate([d.by_angle[:, :6], d.h_by_angle], axis=2)
     a_q, w_q = reaction[:, :, :n], reaction[:, 3:, n:]
     if rate == "measured":
         w_q = np.zeros_like(w_q)
     lever = np.concatenate([np.eye(3), -skew(r)], axis=1)
-    tau_q = d.by_angle[:, 6:] + H_bm.transpose(0, 2, 1) @ a_q
+    tau_q = d.by_angle[:, 6:] + d.H[:, 6:, :6] @ a_q
     direct = np.concatenate([tau_q, lever @ a_q], axis=1)
     return np.concatenate([direct + D_w @ w_q, w_q], axis=1)
 
 
 def wheel_gain(d: Dynamics, D_w: FloatArray, r: FloatArray, rate: Rate) -> FloatArray | None:
-    """Return d[tau; f; w]/d[h, d/dt h] (2, m, n + 6, k) of the wheels; None without wheels."""
+    """Return d[tau; f; w]/d[h, d/dt h] (2, m, t + 6, k) of the wheels; None without wheels."""
     if d.wheels is None:
         return None
-    lever, H_bm = np.concatenate([np.eye(3), -skew(r)], axis=1), d.H[:, :6, 6:]
-    n, w = H_bm.shape[2], d.nu[:, 3:]
+    lever = np.concatenate([np.eye(3), -skew(r)], axis=1)
+    t, w = d.force.shape[1], d.nu[:, 3:]
     base = -(d.H_bb_inverse[:, :, 3:] @ d.wheels.by_motion(w))
-    D = np.zeros((*base.shape[:2], n + 6, base.shape[3]))
-    D[:, :, :n], D[:, :, n : n + 3] = H_bm.transpose(0, 2, 1) @ base, lever @ base
+    D = np.zeros((*base.shape[:2], t + 6, base.shape[3]))
+    D[:, :, :t], D[:, :, t : t + 3] = d.H[:, 6:, :6] @ base, lever @ base
     if rate == "momentum":
-        D[0, :, n + 3 :] = -(d.H_bb_inverse[:, 3:, 3:] @ d.wheels.axes)
-        D[0, :, : n + 3] += D_w @ D[0, :, n + 3 :]
+        D[0, :, t + 3 :] = -(d.H_bb_inverse[:, 3:, 3:] @ d.wheels.axes)
+        D[0, :, : t + 3] += D_w @ D[0, :, t + 3 :]
     return D

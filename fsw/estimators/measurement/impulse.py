@@ -160,10 +160,10 @@ def _about(
 def external_force(
     block: Block | BlockStack, x: FloatArray, problem: Problem
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the generalised force of all wrenches at the nodes (m, 6+n), and d/dx.
+    """Return the generalised force of all wrenches at the nodes (m, R), and d/dx.
 
-    Rows: force and moment about the base's origin in base axes, then joints; the Jacobian is
-    (m, 6+n, p). See `constant_force` and, for the thrusters, `thrust`.
+    Rows: as `RobotModel`, those of the base about its origin in base axes; the Jacobian is
+    (m, R, p). See `constant_force` and, for the thrusters, `thrust`.
     """
     value, J = constant_force(block, x, problem)
     if len(problem.thrusters):
@@ -178,16 +178,16 @@ def external_force(
 def constant_force(
     block: Block | BlockStack, x: FloatArray, problem: Problem
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the generalised force of the constant wrenches at the nodes (m, 6+n), and d/dx.
+    """Return the generalised force of the constant wrenches at the nodes (m, R), and d/dx.
 
-    Rows: force and moment about the base's origin in base axes, then joints; the Jacobian is (m,
-    6+n, p). A wrench on the target acts through the Jacobian of the target's centre of mass as
+    Rows: as `RobotModel`, those of the base about its origin in base axes; the Jacobian is
+    (m, R, p). A wrench on the target acts through the Jacobian of the target's centre of mass as
     estimated at x. This point's own derivative, of the size of the force, is left out. One part of
     the force is constant in inertial axes and one in the target's: air pushes along the wind, and
     sideways by the attitude of the faces.
     """
-    m, n = block.q_rad.shape
-    J = np.zeros((m, 6 + n, len(x)))
+    m = len(block.q_rad)
+    J = np.zeros((m, 6 + len(problem.model.torque_units), len(x)))
     R = np.zeros((m, 6, 6))
     R[:, :3, :3] = R[:, 3:, 3:] = block.R_NB.transpose(0, 2, 1)
     if present(problem.at("wrench")):

@@ -32,16 +32,19 @@ from fsw.messages import Block, FloatArray
 
 @dataclass(slots=True, eq=False)
 class Channels:
-    """Torque, specific force and rate of ideal sensors, and their gains; n joints, N nodes."""
+    """Torque, specific force and rate of ideal sensors, and their gains; n joints, N nodes.
 
-    tau: FloatArray  # (N, n)
+    The t torques are those of the joints, then the axes of wrench sensors.
+    """
+
+    tau: FloatArray  # (N, t)
     f: FloatArray  # (N, 3)
     w: FloatArray  # (N, 3)
-    D: FloatArray  # (N, n + 6, 2 n + 3 + p): d[tau; f; w]/d[qdd, w, qd, x]
-    D_q: FloatArray | None  # (N, n + 6, n)
-    D_wheel: FloatArray | None  # (2, N, n + 6, k)
+    D: FloatArray  # (N, t + 6, 2 n + 3 + p): d[tau; f; w]/d[qdd, w, qd, x]
+    D_q: FloatArray | None  # (N, t + 6, n)
+    D_wheel: FloatArray | None  # (2, N, t + 6, k)
     each: tuple[Impulse | None, ...]  # momentum, and modes, at the end of each block
-    D_start: FloatArray | None = None  # (N, n + 6, 2 c): by the modes at the block's start
+    D_start: FloatArray | None = None  # (N, t + 6, 2 c): by the modes at the block's start
     doubt: FloatArray | None = None  # (B, 2 c) variances of these modes beside the state's
 
 
@@ -103,7 +106,7 @@ class _Step:
     eta: FloatArray  # (m, c)
     v: FloatArray
     channels: Channels  # of n + c joints
-    by_q: FloatArray  # (m, n + c + 6, n + c)
+    by_q: FloatArray  # (m, t + c + 6, n + c)
     inertia: FloatArray  # (m, c, c): d(tau_e + K eta + C v)/d[z, eta, v] at a node
     stiff: FloatArray
     damp: FloatArray
@@ -158,7 +161,8 @@ def _window(
     z: FloatArray = -np.asarray(np.linalg.solve(s.system, s.wrong.ravel())).reshape(m, c)
     s = _step(a, z, x, modes.released, rate, before, ideal)
     Z = _sensitivities(a, s, spring_x, problem)
-    at, own, keep = s.channels, slice(n, n + c), np.r_[0:n, n + c : n + c + 6]
+    at, own = s.channels, slice(n, n + c)
+    keep, t = np.r_[0:n, n + c : at.D.shape[1]], at.tau.shape[1] - c
     last, eye = 2 * (n + c) + 3, np.eye(2 * c)
     E, V = (np.einsum("ij,jcp->icp", B, Z) for B in (A @ A, A))
     E[:, :, 1 : 1 + 2 * c] += eye[:c] + a.t_s[:, :, None] * eye[c:]
@@ -174,7 +178,7 @@ def _window(
         D_wheel = D_wheel[:, :, keep] - by_z @ np.linalg.solve(s.inertia, D_wheel[:, :, own])
     if present(problem.at("joint_zero")):  # `predict` adds D_q, as without modes
         J[:, :, problem.at("joint_zero")] += s.by_q[:, keep, :n] - D_q
-    given = np.concatenate([at.tau[:, :n], at.f, at.w], axis=1) + total[:, :, 0]
+    given = np.concatenate([at.tau, at.f, at.w], axis=1)[:, keep] + total[:, :, 0]
     J_end = np.concatenate(
         [np.einsum("j,jcp->cp", half_s * row, Z) for row in (weights @ A, weights)]
     )
@@ -188,9 +192,9 @@ def _window(
     J_modes = J_end[:, 1 + 2 * c :] + J_end[:, 1 : 1 + 2 * c] @ J_start
     carried = replace(after, modes=end, J_modes=J_modes, doubt=doubt * np.tile(fading, 2))
     return Channels(
-        tau=given[:, :n],
-        f=given[:, n : n + 3],
-        w=given[:, n + 3 :],
+        tau=given[:, :t],
+        f=given[:, t : t + 3],
+        w=given[:, t + 3 :],
         D=np.concatenate([D[:, :, :n], D[:, :, n + c : last - c], J], axis=2),
         D_q=D_q,
         D_wheel=D_wheel,

@@ -19,13 +19,13 @@ def residual_covariance(
     s: BlockStack, prediction: Prediction, use: NDArray[np.bool_], rate: Rate
 ) -> FloatArray:
     """Return the covariances (B, k, k) of the stacked residuals, node-major, of channels in use."""
-    m, n, B = s.m, s.n, len(s.blocks)
-    S = np.zeros((B, m, n + 6, m, n + 6))
-    for j in range(n):
+    m, n, t, B = s.m, s.n, s.t, len(s.blocks)
+    S = np.zeros((B, m, t + 6, m, t + 6))
+    for j in range(t):
         S[:, :, j, :, j] = s.cov_tau[:, j]
     for axis in range(3):
-        S[:, :, n + axis, :, n + axis] = s.cov_acc
-        S[:, :, n + 3 + axis, :, n + 3 + axis] = s.cov_gyro[:, :m, :m]
+        S[:, :, t + axis, :, t + axis] = s.cov_acc
+        S[:, :, t + 3 + axis, :, t + 3 + axis] = s.cov_gyro[:, :m, :m]
     size = m * int(use.sum())
     D = _by_motion(prediction)
     if not use.all():
@@ -40,18 +40,18 @@ def residual_covariance(
         D_e = prediction.D_start[:, use].reshape(B, size, -1)
         S += (D_e * prediction.doubt[:, None]) @ D_e.transpose(0, 2, 1)
     if rate == "measured":
-        D_w = np.zeros((1, B * m, n + 6, 3))
-        D_w[0, :, : n + 3] = prediction.D_w
+        D_w = np.zeros((1, B * m, t + 6, 3))
+        D_w[0, :, : t + 3] = prediction.D_w
         gyro = np.repeat(s.cov_gyro[:, None, :m, :m], 3, axis=1).reshape(B, 3, 1, m, 1, m)
         S += through(s, D_w[:, :, use], gyro).reshape(B, size, size)
     return S
 
 
 def _by_motion(prediction: Prediction) -> FloatArray:
-    """Return derivatives (2 or 3, m, n + 6, n) by qd, by qdd, and by q where angles are noisy."""
+    """Return derivatives (2 or 3, m, t + 6, n) by qd, by qdd, and by q where angles are noisy."""
     m, rows, n = prediction.D_qd.shape
     D = np.zeros((2 if prediction.D_q is None else 3, m, rows, n))
-    D[0], D[1, :, : n + 3] = prediction.D_qd, prediction.D_qdd
+    D[0], D[1, :, : rows - 3] = prediction.D_qd, prediction.D_qdd
     if prediction.D_q is not None:
         D[2] = prediction.D_q
     return D

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from fsw.config import BaseConfig, BodyConfig, Config
 from fsw.estimators.effects.joint_torque import terms_of
 from fsw.estimators.effects.registered import TORQUE_EFFECTS
+from fsw.estimators.effects.wrench_sensor import sensors_of
 from fsw.estimators.fading_noise import covariance_at_nodes
 from fsw.estimators.model.calibration import known_bodies
 from fsw.estimators.model.inertia import (
@@ -97,11 +98,23 @@ def joint_order(config: Config, model: RobotModel) -> tuple[int, ...]:
     return order
 
 
+def robot_of(config: Config, text: str | None = None) -> RobotModel:
+    """Return the robot of a configuration, with its wrench sensors; `text` replaces the URDF file.
+
+    Raises
+    ------
+    ConfigError if the robot cannot be read or has no frame of that name.
+    """
+    own, urdf = config.robot, config.resolve(config.robot.urdf)
+    return RobotModel(urdf, own.tool_frame, text, sensors_of(config))
+
+
 def torque_samples(config: Config, order: Sequence[int]) -> NDArray[np.int64]:
-    """Return the number of samples of each joint (n,) in a window, in the model's order."""
+    """Return the number of samples (t,) in a window: joints in the model's order, then axes."""
     rates_hz = {bus.name: bus.rate_hz for bus in config.buses}
-    buses = [config.joints[k].bus for k in order]
-    samples = [round(config.estimator.window_s * rates_hz[bus]) for bus in buses]
+    every_hz = [rates_hz[config.joints[k].bus] for k in order]
+    every_hz += [sensor.rate_hz for sensor in config.wrench_sensors for _ in sensor.noise]
+    samples = [max(1, round(config.estimator.window_s * rate_hz)) for rate_hz in every_hz]
     return np.array(samples, np.int64)
 
 
@@ -111,13 +124,15 @@ def imu_samples(config: Config) -> int:
 
 
 def torque_model_covariance(config: Config, order: Sequence[int]) -> FloatArray:
-    """Return the covariance (n, m, m) at nodes of the torques that the model leaves out [N^2 m^2].
+    """Return the covariance (t, m, m) at nodes of the torques that the model leaves out [N^2 m^2].
 
-    Joints are in the model's order; the covariance is zero where torque_model_sigma_nm is zero.
+    Joints are in the model's order, then the axes of wrench sensors; the covariance is zero where
+    torque_model_sigma_nm is zero, and for an axis.
     """
     window_s, m = config.estimator.window_s, config.estimator.nodes
-    covariance = np.zeros((len(order), m, m))
-    for k, samples in enumerate(torque_samples(config, order).tolist()):
+    every = torque_samples(config, order)
+    covariance = np.zeros((len(every), m, m))
+    for k, samples in enumerate(every[: len(order)].tolist()):
         joint = config.joints[order[k]]
         if joint.torque_model_sigma_nm > 0.0:
             fading = float(np.exp(-window_s / samples / joint.torque_model_correlation_s))
@@ -247,6 +262,7 @@ def build_problem(
         noise_declared=np.array(
             [
                 *(j.torque_noise_nm for j in joints),
+                *(sigma for sensor in config.wrench_sensors for sigma in sensor.noise),
                 imu.angle_random_walk_rad_sqrt_s * imu.rate_hz**0.5,
                 imu.velocity_random_walk_m_s_sqrt_s * imu.rate_hz**0.5,
             ]

@@ -49,14 +49,14 @@ def known_bodies(
     """Yield name and root, within pi (10 (n + 1), k), of every known body that is uncertain."""
     ratio, size = config.robot.links_sigma_ratio, model.pi_links.size
     joints = {joint.name: joint for joint in config.joints}
-    for index, name in enumerate(("base", *model.joint_names)):
+    for index, name in enumerate(model.body_names):
         own = slice(PARAMETERS * index, PARAMETERS * (index + 1))
         if name == "base":
             if "base" in unknown or config.base.motion == "clamped":
                 continue
             root = _body_root(config.bodies.get("base"), model.pi_links[own], ratio)
         else:
-            link = joints[name].link_sigma_ratio
+            link = joints[name].link_sigma_ratio if name in joints else None
             root = spread_root(model.pi_links[own], ratio if link is None else link)
         yield from _placed("base" if name == "base" else f"link.{name}", root, own, size)
     for name, hold in held.items():

@@ -89,8 +89,8 @@ class Thrusters:
 class Problem:
     """Everything the measurement functions need besides the data.
 
-    `pi_known` (10 (n+1),) holds the known bodies only: an unknown body counts as zero in it. `U`
-    (10 (n+1), k) maps the k inertial states (unknown bodies, then errors of known ones) into pi, so
+    `pi_known` (10 K,) holds the known bodies only: an unknown body counts as zero in it. `U`
+    (10 K, k) maps the k inertial states (unknown bodies, then errors of known ones) into pi, so
     that pi = pi_known + U x[:k]. Sensor geometry is in base axes.
     """
 
@@ -111,9 +111,9 @@ class Problem:
     orbit: CircularOrbit | None  # None: no gravity gradient
     window_s: float
     nodes: int  # number in a block
-    noise_declared: FloatArray  # (n + 2,) 1 sigma of a sample: torques, gyro, accelerometer
-    noise_samples: NDArray[np.int64]  # (n + 2,) number of samples in a window, of the same sensors
-    torque_model_nm2: FloatArray  # (n, m, m) covariance at nodes of torques outside the model
+    noise_declared: FloatArray  # (t + 2,) 1 sigma of a sample: torques, gyro, accelerometer
+    noise_samples: NDArray[np.int64]  # (t + 2,) number of samples in a window, of the same sensors
+    torque_model_nm2: FloatArray  # (t, m, m) covariance at nodes of torques outside the model
     wrench_sigma: FloatArray  # (6,) 1 sigma of the unmodelled external wrench, per node
     freedom: FloatArray  # (6, k) motions [v_b, w_b] that are free, orthonormal
     support_m_s2: FloatArray  # (3,) acceleration by which a support keeps the base from falling
@@ -130,6 +130,13 @@ class Problem:
         KeyError if `state_groups` has no such group.
         """
         return self.places.get(BY_NAME[group].name, NO_STATES)
+
+    def sensed(self, joints: str, axes: str) -> list[tuple[slice, slice]]:
+        """Return states and torques of two groups: of joints, and of axes of wrench sensors."""
+        n = self.model.n
+        torques = slice(0, n), slice(n, len(self.model.torque_units))
+        pairs = zip((self.at(joints), self.at(axes)), torques, strict=True)
+        return [(states, rows) for states, rows in pairs if present(states)]
 
     def placed(self, **places: slice) -> Problem:
         """Return the problem with other places of groups."""
@@ -237,5 +244,5 @@ class Problem:
         return consistent_state(x, bodies, covariance, off)
 
     def pi(self, x: FloatArray) -> FloatArray:
-        """Return the parameters of base and links (10 (n+1),) for the state x."""
+        """Return the parameters of all bodies (10 K,) for the state x."""
         return self.pi_known + self.U @ x[self.inertial]

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from fsw.config import Config
-from fsw.estimators.effects import friction, motor_side
+from fsw.estimators.effects import friction, motor_side, wrench_sensor
 from fsw.estimators.model.state_group import Setting, Spread, StateGroup, per_joint
 from fsw.estimators.model.walks import LEAST_RAD2
 
@@ -289,6 +289,8 @@ GROUPS = (
     ),
     motor_side.ROTOR.group,
     motor_side.RIPPLE.group,
+    wrench_sensor.OFFSET,
+    wrench_sensor.SCALE,
 )
 BY_NAME = {group.name: group for group in GROUPS}
 

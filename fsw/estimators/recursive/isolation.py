@@ -24,12 +24,13 @@ class ChannelScreen:
 
     Parameters
     ----------
-    joints : names in the model's order
+    sensors : name of the sensor of each torque: a joint's, or one of several axes
     false_alarm : probability that one good channel of one block fails
     """
 
-    def __init__(self, joints: Sequence[str], false_alarm: float) -> None:
-        self._joints = tuple(joints)
+    def __init__(self, sensors: Sequence[str], false_alarm: float) -> None:
+        self._sensors = tuple(dict.fromkeys(sensors))
+        self._of = np.array([self._sensors.index(name) for name in sensors], np.intp)
         self._false_alarm = false_alarm
         self._out: dict[int, int] = {}  # channel: number of good blocks in a row
         self._found: list[Finding] = []
@@ -77,12 +78,11 @@ class ChannelScreen:
         """
         if rows.root is None or rows.use is None:
             return {}
-        n, L, use = len(self._joints), rows.root, rows.use
+        n, L, use = len(self._sensors), rows.root, rows.use
         r = L @ (rows.b - rows.A @ step)
         V = np.concatenate([np.sqrt(level) * L, L @ (rows.A @ root)], axis=1)
-        where = np.flatnonzero(use)
-        group = np.where(where < n, where, n + (where >= n + 3))  # joints, accelerometer, gyro
-        rows_of = np.tile(group, nodes)
+        group = np.concatenate([self._of, np.repeat([n, n + 1], 3)])  # accelerometer, gyro last
+        rows_of = np.tile(group[use], nodes)
         channels, sizes = np.unique(rows_of, return_counts=True)
         ends, order = np.cumsum(sizes), np.argsort(rows_of, kind="stable")
         ratios: dict[int, float] = {}
@@ -97,9 +97,8 @@ class ChannelScreen:
         return ratios
 
     def _without(self, block: Block) -> Block:
-        n = len(self._joints)
-        has_joint = block.has_joint.copy()
-        has_joint[[c for c in self._out if c < n]] = False
+        n = len(self._sensors)
+        has_joint = block.has_joint & ~np.isin(self._of, list(self._out))
         return replace(
             block,
             has_joint=has_joint,
@@ -108,10 +107,10 @@ class ChannelScreen:
         )
 
     def _tell(self, channel: int, t_ns: int, ratio: float) -> None:
-        n = len(self._joints)
+        n = len(self._sensors)
         subject, fault = "accelerometer", Fault.ACC_INCONSISTENT
         if channel < n:
-            subject, fault = self._joints[channel], Fault.TORQUE_INCONSISTENT
+            subject, fault = self._sensors[channel], Fault.TORQUE_INCONSISTENT
         elif channel > n:
             subject, fault = "gyro", Fault.GYRO_INCONSISTENT
         text = f"innovation squared {ratio:.2g} times its limit"

@@ -15,7 +15,7 @@ import numpy as np
 from fsw.config import Config, EstimatorConfig
 from fsw.estimators.diagnosis import diagnose, plain
 from fsw.estimators.measurement.row_functions import RowsFunction, row_function
-from fsw.estimators.model.building import build_problem
+from fsw.estimators.model.building import build_problem, robot_of
 from fsw.estimators.model.mobility import by_mobility, is_bent
 from fsw.estimators.model.problem import IMPLAUSIBLE, Problem
 from fsw.estimators.model.robot import RobotModel
@@ -61,7 +61,7 @@ class OnlineEstimator:
         self._ignored = self._due = 0
 
     def _new(self) -> Recursion:
-        screen = ChannelScreen(self.problem.model.joint_names, self._false_alarm)
+        screen = ChannelScreen(self.problem.model.torque_sensors, self._false_alarm)
         return Recursion(self.problem, self._settings, self.rows, screen, linear=self.linear)
 
     def adopt(self, result: Mapping[str, Any]) -> None:
@@ -222,7 +222,7 @@ class OnlineEstimator:
             "blocks": recursion.blocks,
             "innovation_lag1": {"correlation": correlation, "bound": bound},
             "noise_ratio": float(np.sqrt(recursion.monitor.level)),
-            **recursion.noise.report(self.problem.model.joint_names),
+            **recursion.noise.report(self.problem.model.torque_units, self.problem.model.n),
             **plain(diagnosis, estimate.names),
         }
 
@@ -331,7 +331,7 @@ def build_online(
     ConfigError if the robot cannot be read or does not match the joints.
     """
     if model is None:
-        model = RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
+        model = robot_of(config)
     settings = config.estimator
     linear = settings.is_regression
     problem = build_problem(config, model, exact=linear)

@@ -190,7 +190,7 @@ class OutsideWatch:
         """Return measured less predicted torque and specific force; None if they are missing."""
         if not block.has_gyro:
             return None
-        s, n = BlockStack((block,)), block.q_rad.shape[1]
+        s = BlockStack((block,))
         use = np.concatenate([block.has_joint, np.full(3, block.has_accelerometer), np.zeros(3)])
         use = use.astype(np.bool_)
         if not use.any():
@@ -201,7 +201,7 @@ class OutsideWatch:
         r = np.concatenate([s.tau_nm - at.tau_nm, s.f_NS_B_m_s2 - at.f_m_s2], axis=1)
         J = at.J[:, use]
         return _Innovation(
-            r=r[:, use[: n + 3]].ravel(),
+            r=r[:, use[:-3]].ravel(),
             S=level * residual_covariance(s, at, use, "measured")[0],
             J=J.reshape(-1, self._size),
             width=J.shape[1],

@@ -474,7 +474,7 @@ class Recursion:
         if self.linear or not self.noise.learn():
             return
         self.pacing.settled = False
-        words = self.noise.words(self.problem.model.joint_names)
+        words = self.noise.words(self.problem.model.torque_units)
         if words and not self._coloured:
             text = f"noise is correlated in time, sigmas follow it: {words}"
             self._events.append(("medium", "NOISE_CORRELATED", text))

@@ -17,9 +17,18 @@ from fsw.drivers.sources.samples import (
     imu_samples,
     joint_samples,
     wheel_samples,
+    wrench_samples,
 )
 from fsw.drivers.wire import ByteChunk, FrameArray, joined, picked
-from fsw.exchange.sinks import IMU, JOINTS, STAR_TRACKER, WHEELS, CanTraffic, SerialTraffic
+from fsw.exchange.sinks import (
+    IMU,
+    JOINTS,
+    STAR_TRACKER,
+    WHEELS,
+    WRENCH_SENSORS,
+    CanTraffic,
+    SerialTraffic,
+)
 from fsw.exchange.status import source_samples
 from fsw.messages import Samples
 from fsw.messages.findings import Finding
@@ -157,6 +166,10 @@ def channels_of(config: Config, sampled: Collection[str]) -> dict[str, Channel]:
         found += [BusChannel(config, bus) for bus in config.buses]
     if WHEELS in sampled:
         found.append(LineChannel(WHEELS, wheel_samples(config.wheels), is_sampled=True))
+    if WRENCH_SENSORS in sampled:
+        found.append(
+            LineChannel(WRENCH_SENSORS, wrench_samples(config.wrench_sensors), is_sampled=True)
+        )
     imu, tracker, health = config.imu, config.star_tracker, config.health
     if IMU in sampled:
         starts = not config.joints

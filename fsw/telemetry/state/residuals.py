@@ -11,9 +11,8 @@ from fsw.config import Config
 from fsw.estimators.measurement.fused import fused_rows
 from fsw.estimators.measurement.impulse import needed
 from fsw.estimators.measurement.prediction import Rate
-from fsw.estimators.model.building import build_problem
+from fsw.estimators.model.building import build_problem, robot_of
 from fsw.estimators.model.problem import Problem
-from fsw.estimators.model.robot import RobotModel
 from fsw.messages import Block, Estimate
 
 OF_MEASURED_RATE = ("mrnea", "rda")  # use the gyro's rate, not the rate from the momentum
@@ -41,7 +40,7 @@ class TorqueResiduals:
     """
 
     def __init__(self, config: Config) -> None:
-        model = RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
+        model = robot_of(config)
         self._problem: Problem = build_problem(config, model, exact=True)
         names = [joint.name for joint in config.joints]
         self._places = [model.joint_names.index(name) for name in names]

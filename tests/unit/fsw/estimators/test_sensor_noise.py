@@ -177,10 +177,10 @@ def test_an_inertial_unit_that_is_missing_stays_missing():
     blind = replace(make_block(1, joints=1, nodes=NODES), has_gyro=False, has_accelerometer=False)
     assert found.applied(blind).cov_gyro is blind.cov_gyro
     assert found.applied(blind).cov_acc is blind.cov_acc
-    report = found.report(["joint1"])
+    report = found.report({"joint1": "N m"}, 1)
     assert [own["channel"] for own in report["inertial_noise"]] == ["gyro", "accelerometer"]
     assert report["inertial_noise"][0]["samples"] == 3 * 200 * SAMPLES
-    assert "gyro 1" in found.words(["joint1"])
+    assert "gyro 1" in found.words({"joint1": "N m"})
 
 
 def test_only_the_sensors_concerned_change_and_a_missing_one_stays_missing():

@@ -1,0 +1,77 @@
+"""Section of force-torque sensors in an arm, for example at its wrist."""
+
+from collections.abc import Sequence
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from fsw.config.base import (
+    Delay,
+    ForceNoise,
+    ForceSigma,
+    Position,
+    Positive,
+    Rate,
+    ScaleSigma,
+    Section,
+    TorqueNoise,
+    TorqueSigma,
+    Turn,
+)
+
+METHODS = ("fused", "rda", "cm")  # cm uses gyro and no torque; mrnea's rows are base and joints
+
+
+class WrenchSensorConfig(Section):
+    """A sensor of force and moment between two bodies of an arm.
+
+    It measures the wrench by which the arm holds the link `frame` and everything beyond, a grasped
+    target included, about the origin of S in axes S. Its samples come from `fsw import` only.
+    """
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}$")]
+    rate_hz: Rate
+    frame: str  # link of the URDF, or the joint that moves it: the first that the sensor carries
+    p_FS_m: Position = (0.0, 0.0, 0.0)  # origin of S in that frame
+    rpy_FS_rad: tuple[Turn, Turn, Turn] = (0.0, 0.0, 0.0)  # of S against it, fixed axes as in URDFs
+    sign: Literal[-1, 1] = 1  # -1: the reading is the wrench of the carried bodies on the sensor
+    force_limit_n: Positive  # larger readings are rejected as out of range
+    torque_limit_nm: Positive
+    force_noise_n: ForceNoise  # 1 sigma of one sample, white
+    torque_noise_nm: TorqueNoise
+    force_offset_sigma_n: ForceSigma  # prior of the unknown offset of each axis; 0: none estimated
+    torque_offset_sigma_nm: TorqueSigma
+    scale_sigma_ratio: ScaleSigma = 0.01  # prior of each axis's scale error; 0: none estimated
+    delay_s: Delay = 0.0  # delay of the readings
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        for noise, limit in (
+            ("force_noise_n", "force_limit_n"),
+            ("torque_noise_nm", "torque_limit_nm"),
+        ):
+            if getattr(self, noise) >= getattr(self, limit):
+                raise ValueError(
+                    f"{noise}: {getattr(self, noise):g} must be below {limit} "
+                    f"{getattr(self, limit):g}"
+                )
+        return self
+
+    @property
+    def noise(self) -> tuple[float, ...]:
+        """Return 1 sigma of a sample of every axis: three forces [N], three moments [N m]."""
+        return (self.force_noise_n,) * 3 + (self.torque_noise_nm,) * 3
+
+    @property
+    def limits(self) -> tuple[float, ...]:
+        """Return the limit of every axis."""
+        return (self.force_limit_n,) * 3 + (self.torque_limit_nm,) * 3
+
+
+def wrench_sensors_go_with(sensors: Sequence[WrenchSensorConfig], method: str) -> None:
+    """Raise ValueError if the method has no rows for wrench sensors."""
+    if sensors and method not in METHODS:
+        raise ValueError(
+            f"estimator.method: {method!r} has no rows for wrench_sensors; must be "
+            f"{', '.join(METHODS[:-1])} or {METHODS[-1]}"
+        )

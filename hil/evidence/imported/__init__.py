@@ -1,0 +1,1 @@
+"""Identification from tables that a laboratory would record: motion, static poses, a wrist."""
