@@ -216,7 +216,8 @@ def _parts_are_unique(config: Config) -> None:
     """Raise ValueError if parts share a name or a node, or thrusters a valve of their node."""
     for section in ("buses", "joints", "wheels", "thrusters", "modes"):
         _unique([part.name for part in getattr(config, section)], f"{section}.name")
-    _unique([part.name for part in (*config.joints, *config.wrench_sensors)], "wrench_sensors.name")
+    names = [*(j.name for j in config.joints), *(own.name for own in config.wrench_sensors)]
+    _unique(names, "wrench_sensors.name")
     nodes = [f"{node.bus}:0x{node.node_id:02x}" for node in config.can_nodes]
     joints, wheels = len(config.joints), sum(wheel.bus is not None for wheel in config.wheels)
     _unique(nodes[:joints], "joints.node_id")

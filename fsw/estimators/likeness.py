@@ -38,6 +38,7 @@ CONTRADICTION = 1e-6  # probability that two halves of data with a correct model
 LASTING_SIGMAS = 4.9  # of the correlation over half a recording: once in a million recordings
 LASTING = 0.03  # least correlation that counts, as in `recursive.change.colour`
 MOST_LASTING = 0.7  # correlation that counts however few samples are independent
+LOUD = 9.0  # squared residual over noise above which a wrench sensor's axes are judged apart
 KNOWN = 0.02  # least variance of a direction's score that the comparison of halves counts
 THREE_SIGMA = 0.99865  # point at which Student's distribution replaces the Gaussian
 
@@ -131,21 +132,40 @@ def widened(covariance: FloatArray, excess: FloatArray) -> FloatArray:
 def unexplained(rows: Sequence[Rows], blocks: Sequence[Block], nodes: int) -> float:
     """Return the rms of the residual torques over that of the torques about their mean.
 
+    Forces and moments of a wrench sensor are judged apart from the joints' torques, which may be
+    far larger, where their residuals exceed the noise. The largest ratio counts.
+
     Parameters
     ----------
     rows : of each block, with the root of their noise covariance, at the estimate
     nodes : number of nodes per block
     """
-    left = [
-        (one.root @ one.b).reshape(nodes, -1)[:, : one.torques]
-        for one in rows
-        if one.root is not None and one.torques
-    ]
-    used = [b.tau_nm[:, b.has_joint] for b, r in zip(blocks, rows, strict=True) if r.torques]
-    widest = max((one.shape[1] for one in used), default=0)
-    torques = [one for one in used if one.shape[1] == widest]
-    power = sum(float(np.sum((one - np.mean(torques, axis=(0, 1))) ** 2)) for one in torques)
-    return float(np.sqrt(sum(float(np.sum(one**2)) for one in left) / power)) if power else np.inf
+    pairs = [(r, b) for r, b in zip(rows, blocks, strict=True) if r.root is not None and r.torques]
+    if not pairs:
+        return np.inf
+    left, sigma, torques = np.ma.stack([_torques(*pair, nodes) for pair in pairs], axis=1)
+    power = np.sum((torques - torques.mean(axis=(0, 1))) ** 2, axis=(0, 1))
+    (n, t), square = (pairs[0][1].q_rad.shape[1], len(power)), np.sum(left**2, axis=(0, 1))
+    noise = np.sum(sigma**2, axis=(0, 1))
+    axes = (slice(k, k + 3) for k in range(n, t, 3))
+    loud = (own for own in axes if square[own].sum() > LOUD * noise[own].sum())
+    return max(_ratio(square[own].sum(), power[own].sum()) for own in (slice(n), *loud))
+
+
+def _torques(rows: Rows, block: Block, nodes: int) -> np.ma.MaskedArray:
+    """Return residuals, sigmas and readings (3, m, t) of a block's torques, masked if missing."""
+    found = np.ma.masked_all((3, *block.tau_nm.shape))
+    root, has = np.asarray(rows.root), block.has_joint
+    sigma = np.sqrt(np.sum(root**2, axis=1))
+    for own, values in enumerate((root @ rows.b, sigma)):
+        found[own, :, has] = values.reshape(nodes, -1)[:, : rows.torques].T
+    found[2, :, has] = block.tau_nm[:, has].T
+    return found
+
+
+def _ratio(square: float, power: float) -> float:
+    """Return the root of a ratio; masked sums, of nothing, and zero power give infinity."""
+    return float(np.sqrt(square / power)) if power is not np.ma.masked and power else np.inf
 
 
 def in_words(white: FloatArray, covariance: FloatArray, names: Sequence[str]) -> str:

@@ -179,6 +179,16 @@ def _add_calibration(commands: argparse._SubParsersAction[argparse.ArgumentParse
     )
     add_seeds(rough, 50, "list")
     rough.set_defaults(command=_rough)
+    imported = commands.add_parser("imported", help="tables of an arm: motion, poses, a wrist")
+    imported.add_argument(
+        "--motion",
+        action="append",
+        default=[],
+        choices=("moving", "poses"),
+        help="this one; may be repeated",
+    )
+    add_seeds(imported, 10, "list")
+    imported.set_defaults(command=_imported)
     differential = commands.add_parser("differential", help="same motion, empty: half the error?")
     add_seeds(differential, 20, "object")
     differential.set_defaults(command=_differential)
@@ -278,6 +288,12 @@ def _rough(arguments: argparse.Namespace) -> int:
     from hil.evidence.rough.command import rough, show
 
     return _judged(arguments, rough(arguments.case, arguments.told, *_seeds(arguments)), show)
+
+
+def _imported(arguments: argparse.Namespace) -> int:
+    from hil.evidence.imported.command import imported, show
+
+    return _judged(arguments, imported(arguments.motion, *_seeds(arguments)), show)
 
 
 def study_effects(arguments: argparse.Namespace) -> int:

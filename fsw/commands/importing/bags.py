@@ -14,8 +14,9 @@ from fsw.messages.errors import ConfigError, unforeseen
 BAG_FILES = (".mcap", ".db3", ".bag")
 BAG_FOLDER = "metadata.yaml"  # is in every bag that is a folder
 JOINT_STATE, IMU = "sensor_msgs/msg/JointState", "sensor_msgs/msg/Imu"
+WRENCH = "geometry_msgs/msg/WrenchStamped"
 _PARTS = ("position", "effort")
-_VECTORS = ("angular_velocity", "linear_acceleration")
+_VECTORS = {IMU: ("angular_velocity", "linear_acceleration"), WRENCH: ("force", "torque")}
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +63,7 @@ def _fault(names: Sequence[str], values: Sequence[float]) -> str:
 
 
 def bag_columns(path: Path) -> Columns:
-    """Return the columns, named TOPIC.FIELD, of all topics with joint states or inertial data.
+    """Return the columns, named TOPIC.FIELD, of topics with joint states, inertial data, wrenches.
 
     Raises
     ------
@@ -74,7 +75,7 @@ def bag_columns(path: Path) -> Columns:
     for message in _messages(path):
         topics.setdefault(message.topic, _Topic()).add(message)
     if not topics:
-        raise ConfigError(f"{path}: holds no {JOINT_STATE} and no {IMU}")
+        raise ConfigError(f"{path}: holds no {JOINT_STATE}, {IMU} or {WRENCH}")
     values, absent, notes = {}, {}, {}
     for name, topic in topics.items():
         fields = dict.fromkeys(key for row in topic.rows for key in row)
@@ -115,7 +116,7 @@ def _no_bag(path: Path) -> str:
 
 
 def _messages(path: Path) -> Iterator[_Message]:
-    """Yield the messages with joint states or inertial data."""
+    """Yield the messages with joint states, inertial data or wrenches."""
     try:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
@@ -124,13 +125,15 @@ def _messages(path: Path) -> Iterator[_Message]:
         raise ConfigError(words) from error
     try:
         with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as bag:
-            wanted = [c for c in bag.connections if c.msgtype in (JOINT_STATE, IMU)]
+            wanted = [c for c in bag.connections if c.msgtype in (JOINT_STATE, *_VECTORS)]
             for connection, received_ns, data in bag.messages(wanted) if wanted else ():
                 message: Any = bag.deserialize(data, connection.msgtype)
                 stamp = message.header.stamp
                 stamp_s = stamp.sec + stamp.nanosec * 1e-9
-                if connection.msgtype == IMU:
-                    vectors = {part: getattr(message, part) for part in _VECTORS}
+                if connection.msgtype in _VECTORS:
+                    held = message.wrench if connection.msgtype == WRENCH else message
+                    names = _VECTORS[connection.msgtype]
+                    vectors = {part: getattr(held, part) for part in names}
                     parts = {part: ("xyz", (v.x, v.y, v.z)) for part, v in vectors.items()}
                 else:
                     parts = {part: (message.name, getattr(message, part)) for part in _PARTS}
