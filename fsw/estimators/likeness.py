@@ -143,29 +143,26 @@ def unexplained(rows: Sequence[Rows], blocks: Sequence[Block], nodes: int) -> fl
     pairs = [(r, b) for r, b in zip(rows, blocks, strict=True) if r.root is not None and r.torques]
     if not pairs:
         return np.inf
-    left, sigma, torques = np.ma.stack([_torques(*pair, nodes) for pair in pairs], axis=1)
-    power = np.sum((torques - torques.mean(axis=(0, 1))) ** 2, axis=(0, 1))
-    (n, t), square = (pairs[0][1].q_rad.shape[1], len(power)), np.sum(left**2, axis=(0, 1))
-    noise = np.sum(sigma**2, axis=(0, 1))
+    left, sigma, torques = np.stack([_torques(*pair, nodes) for pair in pairs], axis=1)
+    counts = np.maximum(np.isfinite(torques).sum(axis=(0, 1)), 1)
+    about = torques - np.nansum(torques, axis=(0, 1)) / counts
+    square, noise, power = (np.nansum(part**2, axis=(0, 1)) for part in (left, sigma, about))
+    n, t = pairs[0][1].q_rad.shape[1], len(power)
     axes = (slice(k, k + 3) for k in range(n, t, 3))
     loud = (own for own in axes if square[own].sum() > LOUD * noise[own].sum())
-    return max(_ratio(square[own].sum(), power[own].sum()) for own in (slice(n), *loud))
+    sums = [(square[own].sum(), power[own].sum()) for own in (slice(n), *loud)]
+    return max(float(np.sqrt(rest / whole)) if whole else np.inf for rest, whole in sums)
 
 
-def _torques(rows: Rows, block: Block, nodes: int) -> np.ma.MaskedArray:
-    """Return residuals, sigmas and readings (3, m, t) of a block's torques, masked if missing."""
-    found = np.ma.masked_all((3, *block.tau_nm.shape))
+def _torques(rows: Rows, block: Block, nodes: int) -> FloatArray:
+    """Return residuals, sigmas and readings (3, m, t) of a block's torques, NaN: missing."""
+    found = np.full((3, *block.tau_nm.shape), np.nan)
     root, has = np.asarray(rows.root), block.has_joint
     sigma = np.sqrt(np.sum(root**2, axis=1))
     for own, values in enumerate((root @ rows.b, sigma)):
         found[own, :, has] = values.reshape(nodes, -1)[:, : rows.torques].T
     found[2, :, has] = block.tau_nm[:, has].T
     return found
-
-
-def _ratio(square: float, power: float) -> float:
-    """Return the root of a ratio; masked sums, of nothing, and zero power give infinity."""
-    return float(np.sqrt(square / power)) if power is not np.ma.masked and power else np.inf
 
 
 def in_words(white: FloatArray, covariance: FloatArray, names: Sequence[str]) -> str:
