@@ -1,7 +1,9 @@
 """The reasons why an estimate is not valid, from failed checks: one rule for recursion and batch.
 
 Every reason that holds is published, the most severe first. A model that does not fit, or a body
-that cannot exist, is shown by a converged estimate only: elsewhere residuals show the start.
+that cannot exist, is shown by a converged estimate only: elsewhere residuals show the start. Where
+the model explains so little that the estimate depends on how it was sought, this is the reason, and
+what the estimate would say of prior, bodies and excitation is not judged.
 """
 
 from collections.abc import Sequence
@@ -24,6 +26,7 @@ class Failed:
     few_blocks : fewer blocks than an estimate needs before it may be valid
     reopened : the estimate was re-opened, and the blocks since then are too few to trust it
     not_converged : the iteration still moves the estimate
+    misfit : many blocks do not fit the others, or residuals are larger than any sensor's noise
     mismatch : noise does not explain the residuals, or values of arm or calibration are implausible
     displaced : noise does not explain how far a body was moved to be physically possible
     prior_conflict : the data contradict the prior
@@ -34,6 +37,7 @@ class Failed:
     few_blocks: bool = False
     reopened: bool = False
     not_converged: bool = False
+    misfit: bool = False
     mismatch: bool = False
     displaced: bool = False
     prior_conflict: bool = False
@@ -42,6 +46,8 @@ class Failed:
 
 def reasons(failed: Failed) -> tuple[str, ...]:
     """Return every reason against an estimate, the most severe first; empty: it is valid."""
+    if failed.misfit:
+        failed = Failed(aborted=failed.aborted, few_blocks=failed.few_blocks, mismatch=True)
     converged = not (failed.not_converged or failed.aborted)
     against = (
         (failed.aborted, "ABORTED"),

@@ -90,7 +90,7 @@ def plain_solution(
     # steps with rows at the nearest consistent bodies can swing about a body near nothing
     found = None if possible else light(problem, target, prior, x)
     if found is None and not (settled and possible):
-        found = at_the_edge(problem, target, prior, x)
+        return at_the_edge(problem, target, prior, x)
     return x, found
 
 
@@ -112,13 +112,13 @@ def light(problem: Problem, target: RowsAt, prior: Prior, x: FloatArray) -> Batc
 
 
 def at_the_edge(
-    problem: Problem, target: RowsAt, prior: Prior, x: FloatArray
-) -> BatchSolution | None:
-    """Return the least squares over the consistent bodies where these bound them.
+    problem: Problem, target: RowsAt, prior: Prior, start: FloatArray
+) -> tuple[FloatArray, BatchSolution | None]:
+    """Return where steps over the consistent bodies settle; and the solution if these bound it.
 
-    None: the steps do not settle, or they settle inside.
+    Steps that do not settle return the start and None.
     """
-    x = to_x(problem, to_theta(problem, x))
+    x = to_x(problem, to_theta(problem, start))
     cost = _tried(target, prior, x)
     for iterations in range(1, MAX_PLAIN_STEPS + 1):
         try:
@@ -126,12 +126,14 @@ def at_the_edge(
             covariance = information.covariance()
             whole = _nearest(problem, best, covariance) - x
         except (EstimatorError, np.linalg.LinAlgError):
-            return None
+            return start, None
         step = information.R @ whole
         if step @ step < CONVERGED**2 * len(x):
             outside = _unexplained(problem, best, covariance)
             note = "; ".join(_wanted(name, best[problem.body(name)]) for name in outside)
-            return _solution(problem, target, prior, x, iterations, note) if outside else None
+            if not outside:
+                return x, None
+            return x, _solution(problem, target, prior, x, iterations, note)
         # re-weighted rows have their solution near the least cost, not at it
         most = cost + max(1.0, COST_RISE * cost)
         for halved in range(HALVINGS):
@@ -140,7 +142,7 @@ def at_the_edge(
             if cost <= most:
                 break
         x = trial
-    return None
+    return start, None
 
 
 def _tried(target: RowsAt, prior: Prior, x: FloatArray) -> float:

@@ -173,7 +173,7 @@ def _run(
     against = reasons(
         replace(
             found.failed,
-            few_blocks=len(found.used) < settings.settle_blocks,
+            few_blocks=len(sound if found.failed.misfit else found.used) < settings.settle_blocks,
             displaced=is_displaced([distance for _, distance in made.values()]),
             not_excited=found.failed.not_excited or condition > settings.condition_limit,
         )
@@ -263,7 +263,8 @@ def _likelihood(
         prior = problem.prior_mean, problem.prior_covariance
         estimate = solution.mean, settled.covariance
         wider, found = widen(stated, prior, estimate, bodies_first=True)
-        if solution.status == "NOT_CONVERGED" and any(group.of_model for group in found):
+        unfit = settled.misfit or solution.status == "NOT_CONVERGED"
+        if unfit and any(group.of_model for group in found):
             break
         conflicts += found
         if more == 0 or all(group.factor == 1.0 for group in found):
@@ -295,6 +296,7 @@ def _likelihood(
         failed=Failed(
             aborted=solution.status == "ABORTED",
             not_converged=solution.status == "NOT_CONVERGED",
+            misfit=settled.misfit,
             mismatch=settled.mismatch or doubted or implausible,
             prior_conflict=doubted,
             not_excited=not_excited,

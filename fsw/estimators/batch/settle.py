@@ -13,11 +13,10 @@ from fsw.estimators.likeness import in_words
 from fsw.estimators.measurement.row_functions import Linearisation
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.recursive.change import InnovationMonitor
-from fsw.estimators.recursive.trust import Trust
+from fsw.estimators.recursive.trust import Trust, is_scattered
 from fsw.messages import Block, FloatArray
 
 GATE_ROUNDS = 6
-GATED_SHARE = 0.25  # of the blocks; if more do not fit, they are not outliers
 LEVEL_TOLERANCE = 0.05
 
 
@@ -31,6 +30,7 @@ class Settled:
     used: Sequence[Block]
     residuals: Sequence[FloatArray]
     covariance: FloatArray  # (p, p), wider where residuals are alike from block to block
+    misfit: bool  # many blocks do not fit the others, or residuals are far larger than noise
     against: str  # what noise does not explain; empty: nothing
     note: str  # by how much the likeness of the residuals widens sigma; empty: it does not
 
@@ -60,8 +60,8 @@ def settle(
         before, level = level, _noise_level(residuals, _fitted(problem, solution))
         limits = [level * float(chdtri(len(b), gate_probability)) for b in residuals]
         fits = [float(b @ b) <= limit for b, limit in zip(residuals, limits, strict=True)]
-        if len(blocks) - sum(fits) > GATED_SHARE * len(blocks):
-            scattered = f"{len(blocks) - sum(fits)} of {len(blocks)} windows do not fit the others"
+        if is_scattered(fits.count(False), sum(fits)):
+            scattered = f"{fits.count(False)} of {len(blocks)} windows do not fit the others"
             break
         if more == 0 or (fits == fitted and abs(level / before - 1.0) < LEVEL_TOLERANCE):
             break
@@ -81,6 +81,7 @@ def settle(
         level=level,
         used=used,
         residuals=left,
+        misfit=solution.status != "ABORTED" and (bool(scattered) or trust.is_large(level)),
         covariance=covariance,
         note=in_words(white, covariance, problem.names[: problem.bodies.stop]),
         against="; ".join(filter(None, (scattered, no_body, trust.in_words(level)))),

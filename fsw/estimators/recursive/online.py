@@ -301,14 +301,17 @@ class OnlineEstimator:
     def _failed(self, *, weak: bool) -> Failed:
         """Return the checks that failed; `weak`: the motion shows too little."""
         recursion, trust = self.recursion, self.recursion.trust
-        few = recursion.since < self._settings.settle_blocks
+        least, level = self._settings.settle_blocks, recursion.monitor.level
+        few, converged = recursion.since < least, recursion.pacing.settled
+        scattered = trust.is_scattered(recursion.since, least)
         doubtful, changed = trust.is_doubtful(recursion.since), recursion.changes > 0
         implausible = self.problem.least_plausible(recursion.x)[1] > IMPLAUSIBLE
         return Failed(
-            few_blocks=few and not changed,
+            few_blocks=few and not (changed or scattered),
             reopened=((few or doubtful) and changed) or self.rival is not None,
-            not_converged=not recursion.pacing.settled,
-            mismatch=trust.mismatch(recursion.monitor.level) or implausible,
+            not_converged=not converged,
+            misfit=scattered or (converged and trust.is_large(level)),
+            mismatch=trust.mismatch(level) or implausible,
             prior_conflict=recursion.conflict or (doubtful and not changed),
             not_excited=weak,
         )

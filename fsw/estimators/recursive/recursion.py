@@ -245,7 +245,7 @@ class Recursion:
         if self.outside is not None and self.outside.has_acted:  # a batch knows one momentum only
             self.used = replace(block, has_attitude=False)
         if rows is None:
-            self.gated += 1
+            self._leave_out(block)
             return False
         end_ns = int(block.t_ns[-1])
         self._age(end_ns)
@@ -253,12 +253,12 @@ class Recursion:
         white = self.memory.information.whitened(rows.A, innovation)
         judgement = self.monitor.judge(white, armed=self.armed)
         if self.monitor.nis > ABSURD * len(white):
-            self.gated += 1
+            self._leave_out(block)
             return False
         self.q_rad = block.q_rad[-1]
         self.trust.note(self.monitor.level)
         if not judgement.accepted:
-            self.gated += 1
+            self._leave_out(block)
             if self.problem.modes is not None:  # the arm moved, and its modes with it
                 self.memory.add(block, rows, at, keep=not self.linear, weight=0.0)
         elif not self._absorb(block, rows, at, end_ns):
@@ -266,6 +266,12 @@ class Recursion:
         elif self.blocks % NOISE_BLOCKS == 0:
             self._learn_noise()
         return judgement.changed
+
+    def _leave_out(self, block: Block) -> None:
+        """Count a block that is left out; an implausible one does not speak against the model."""
+        self.gated += 1
+        if plausible(block):
+            self.trust.leave_out()
 
     def _outside_verdict(self, block: Block, watch: OutsideWatch) -> Verdict:
         """Return whether a block fits; else leave it out."""

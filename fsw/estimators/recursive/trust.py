@@ -30,7 +30,11 @@ LASTING_BLOCKS = 4  # blocks of mismatch before a re-opening; a change of bodies
 SUSPECT_BLOCKS = 64  # blocks that a model must fit after a mismatch before it is trusted again
 REPEATS = 0.5  # of the limit of a lasting correlation: to count repetitions in vain costs little
 UNEXPLAINED = 0.05  # share of a held arm's torques that may be unmodelled friction and the like
-_STATE = ("_judged", "unexplained", "_lasting", "slow", "colour", "excess", "against", "suspect")
+GATED_SHARE = 0.25  # of the blocks; if more do not fit, they are not outliers
+_STATE = (
+    *("_judged", "_left_out", "unexplained", "_lasting", "slow", "colour", "excess", "against"),
+    "suspect",
+)
 
 
 class Cost(Protocol):
@@ -59,7 +63,7 @@ class Trust:
         self.excess: FloatArray | None = None
         self.against = ""
         self.unexplained = float("inf")
-        self._judged = 0  # number of blocks
+        self._judged = self._left_out = 0  # numbers of blocks
         self.suspect, self._lasting = suspect, 0  # successive blocks with a mismatch
 
     def judge(
@@ -140,8 +144,19 @@ class Trust:
             words += (
                 f" and {self.unexplained:.0%} of the torques: friction or rotors may be missing"
             )
-        large = level > MISMATCH_LEVEL and self.unexplained > UNEXPLAINED
-        return "; ".join(filter(None, (words * large, self.against)))
+        return "; ".join(filter(None, (words * self.is_large(level), self.against)))
+
+    def is_large(self, level: float) -> bool:
+        """Return whether residuals are larger than noise and what it need not explain."""
+        return level > MISMATCH_LEVEL and self.unexplained > UNEXPLAINED
+
+    def leave_out(self) -> None:
+        """Count a block that is left out because it does not fit."""
+        self._left_out += 1
+
+    def is_scattered(self, since: int, least: int) -> bool:
+        """Return whether too many of at least `least` blocks are left out; `since` are used."""
+        return since + self._left_out >= least and is_scattered(self._left_out, since)
 
     def note(self, level: float) -> None:
         """Count one more block, with or without a mismatch at this noise level."""
@@ -166,6 +181,11 @@ class Trust:
         self.slow = (float(self.slow[0]), float(self.slow[1]))
         self.colour = (float(self.colour[0]), float(self.colour[1]))
         self.excess = None if self.excess is None else np.asarray(self.excess, np.float64)
+
+
+def is_scattered(left_out: int, used: int) -> bool:
+    """Return whether so many blocks do not fit the others that they are no outliers."""
+    return left_out > GATED_SHARE * (left_out + used)
 
 
 def _beyond(*judged: tuple[float, float]) -> bool:

@@ -12,6 +12,10 @@ QUIET = {"torque_noise_nm": 1e-4, "position_noise_rad": 1e-9}
 TOO_QUIET = {"joints": [{"name": f"joint{k}", **QUIET} for k in range(1, 8)]}
 
 
+def joint_2(**wrong: float) -> dict:
+    return {"joints": [{"name": f"joint{k}"} | (wrong if k == 2 else {}) for k in range(1, 8)]}
+
+
 def printed(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict:
     main([*arguments, "--json"])
     return json.loads(capsys.readouterr().out)
@@ -24,6 +28,9 @@ def printed(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict:
         ({}, ("--to", "6"), ["TOO_FEW_BLOCKS"]),
         # a mismatch that too little excitation and too few windows must not hide
         (TOO_QUIET, ("--to", "8"), ["MODEL_MISMATCH", "TOO_FEW_BLOCKS"]),
+        # grossly wrong: what the estimate says depends on how it was sought, the reason must not
+        (joint_2(sign=1), (), ["MODEL_MISMATCH"]),
+        (joint_2(zero_offset_rad=-0.2), (), ["MODEL_MISMATCH"]),  # 0.15 rad off
     ],
 )
 def test_the_same_reasons_everywhere(

@@ -20,6 +20,18 @@ def test_no_mistake_is_valid_and_wrong(mistake: str) -> None:
     assert found.outputs > 0, line(found)  # and the robot is still of use
 
 
+def test_the_right_configuration_converges_though_the_first_steps_lead_to_no_base() -> None:
+    """Steps over the consistent bodies settle inside them; the search began elsewhere again."""
+    found = run("target", "none", 0, blocks=50)
+    assert (found.batch, found.reason) == ("OK", ""), line(found)
+    assert found.batch_z < 3.0
+
+
+def test_windows_that_do_not_fit_are_a_mismatch_and_not_too_few() -> None:
+    found = run("target", "sign of joint 2", 0, blocks=50)
+    assert (found.batch, found.reason) == ("MODEL_MISMATCH", "MODEL_MISMATCH"), line(found)
+
+
 def test_a_delay_of_the_inertial_unit_is_not_valid_and_wrong() -> None:
     """Torque and gyro disagree before the residuals show it: the gyro's bias takes it up."""
     found = run("both", "IMU group delay off 20 ms", 0, blocks=40)

@@ -43,6 +43,19 @@ def test_a_mismatch_that_lasts_before_a_reopening_costs_trust() -> None:
     assert not after.is_doubtful(SUSPECT_BLOCKS)
 
 
+def test_many_blocks_left_out_are_a_model_that_does_not_fit() -> None:
+    trust = Trust()
+    for _ in range(9):
+        trust.leave_out()
+    assert not trust.is_scattered(6, least=25), "too few to judge"
+    assert not trust.is_scattered(27, least=25), "a quarter may be outliers"
+    assert trust.is_scattered(26, least=25)
+    again = Trust()
+    again.restore(trust.snapshot())
+    assert again.is_scattered(26, least=25)
+    assert not trust.successor(100, 1).is_scattered(26, least=25)
+
+
 def test_a_second_reopening_soon_after_the_first_costs_trust() -> None:
     assert not Trust().successor(10, 1).suspect
     assert Trust().successor(SUSPECT_BLOCKS - 1, 2).suspect
