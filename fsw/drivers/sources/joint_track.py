@@ -1,6 +1,6 @@
 """Joint nodes: calibration, plausibility and counters of their samples."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from math import isnan, tau
 from typing import Any
@@ -97,6 +97,11 @@ class JointTrack:
         return self._slack_rad
 
     @property
+    def newest(self) -> int:
+        """Newest SYNC with an accepted sample."""
+        return self._newest
+
+    @property
     def state(self) -> tuple[bool, int, int, float, float]:
         """Whether nothing is doubted, newest SYNC, its time [ns], position [rad], rate [rad/s]."""
         t_ns, position_rad, rate = self._encoder.newest
@@ -138,13 +143,14 @@ class JointTrack:
         positions_rad: Sequence[float],
         torques_nm: Sequence[float],
         in_time: Sequence[bool],
+        is_doubled: Callable[[int], bool] = lambda _: False,
     ) -> list[Refused]:
         """Judge calibrated values in order: return which are refused and accept the others.
 
         A node's frames never overtake one another, so a sample of an older SYNC is refused. A NaN
-        torque is not judged. A bus that repeats a frame repeats its content, and a SYNC sent twice
-        has two answers once. Two different answers to one SYNC, and soon to another one, come from
-        two nodes of one id, so no further answer is accepted for a while.
+        torque is not judged. A bus that repeats a frame repeats its content. Two different answers
+        to one SYNC that was not sent twice (`is_doubled`), and soon to another one, come from two
+        nodes of one id, so no further answer is accepted for a while.
         """
         refused: list[Refused] = []
         limit_nm = self.config.torque_limit_nm
@@ -155,7 +161,8 @@ class JointTrack:
             if not first and sync <= self._newest:
                 differs = sync == self._newest and (position, torque) != self._answer
                 differs &= not (isnan(torque) and position == self._answer[0])
-                fault = Fault.NODE_CONTESTED if differs and self._is_again(sync) else None
+                again = differs and self._is_again(sync, is_doubled)
+                fault = Fault.NODE_CONTESTED if again else None
                 refused.append((k, Reject.SEQUENCE, fault))
                 continue
             if sync <= self._contested_until:
@@ -188,10 +195,11 @@ class JointTrack:
             self._chain = 0
         return refused
 
-    def _is_again(self, sync: int) -> bool:
+    def _is_again(self, sync: int, is_doubled: Callable[[int], bool]) -> bool:
         """Note a SYNC with two different answers; return whether another one was shortly before."""
         last, self._two_answers = self._two_answers, sync
-        again = 0 < sync - last <= self._contested or sync <= self._contested_until
+        again = 0 < sync - last <= self._contested and not is_doubled(last)
+        again |= sync <= self._contested_until
         if again:
             self._contested_until = sync + self._contested
         return again
@@ -258,6 +266,7 @@ class JointTracks:
         self._speed_only = np.array([speed is not None for speed in most])
         self._most_rad_s = np.array([speed or np.inf for speed in most])
         self._gap_ns = GAP_PERIODS * period_s * 1e9
+        self._twice: dict[int, set[int]] = {}  # joints that answered a SYNC twice, by the SYNC
 
     def __iter__(self) -> Iterator[JointTrack]:
         return iter(self._tracks)
@@ -278,11 +287,25 @@ class JointTracks:
         if not present:
             return []
         regular = self._accept_regular(present, [bounds[k] for k in present], readings)
+        irregular = [k for k in present if k not in regular]
+        for k in irregular:
+            self._note_twice(k, readings.sync[bounds[k] : bounds[k + 1]])
         refused: list[Refused] = []
-        for k in present:
-            if k not in regular:
-                refused += self._judge_parts(k, bounds[k], bounds[k + 1], readings)
+        for k in irregular:
+            refused += self._judge_parts(k, bounds[k], bounds[k + 1], readings)
         return refused
+
+    def _note_twice(self, k: int, syncs: IntArray) -> None:
+        """Note the SYNCs that a joint has answered twice."""
+        steps = np.diff(syncs, prepend=self._tracks[k].newest)
+        for sync in syncs[steps == 0].tolist():
+            self._twice.setdefault(sync, set()).add(k)
+        while len(self._twice) > HISTORY_SYNCS:
+            del self._twice[min(self._twice)]
+
+    def _is_doubled(self, sync: int) -> bool:
+        """Return whether most nodes have answered a SYNC twice: it was sent twice."""
+        return len(self._twice.get(sync, ())) > max(1, len(self._tracks) // 2)
 
     def _judge_parts(self, k: int, start: int, stop: int, readings: Readings) -> list[Refused]:
         """Judge the readings of a joint whose batch is not regular, in parts of `PART`."""
@@ -297,6 +320,7 @@ class JointTracks:
                 part.position_rad.tolist(),
                 part.torque_nm.tolist(),
                 part.in_time.tolist(),
+                self._is_doubled,
             )
             refused += [(first + place, reason, fault) for place, reason, fault in found]
         return refused

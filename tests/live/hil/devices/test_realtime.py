@@ -19,6 +19,7 @@ from hil.world.spline import JointSpline
 
 ROBOTS = Path(__file__).parents[4] / "hil" / "robots"
 PORT = 43_000 + os.getpid() % 900
+ANSWER_S = 2.0  # after which a SYNC counts as not answered
 BUS = {"interface": "udp_multicast", "channel": "239.74.163.2", "port": PORT}
 
 
@@ -53,18 +54,23 @@ def plant_file(folder: Path) -> Path:
 
 
 def exchange(bus: can.BusABC, imu: serial.Serial, ticks: int) -> tuple[list[can.Message], bytes]:
+    """Send SYNCs at 100 Hz or, where the machine is busy, as fast as the seven nodes answer."""
     messages, received = [], b""
-    start = time.monotonic()
     for k in range(ticks):
         sync = can.Message(arbitration_id=0x080, data=[k % 240 + 1], is_extended_id=False)
+        sent, awaited = time.monotonic(), len(messages) + 7
         bus.send(sync)
-        while (left := start + 0.01 * (k + 1) - time.monotonic()) > 0:
-            for end in select.select([bus, imu], (), (), left)[0]:
+        while time.monotonic() < sent + (0.01 if len(messages) >= awaited else ANSWER_S):
+            for end in select.select([bus, imu], (), (), 0.002)[0]:
                 if end is bus:
-                    messages.append(bus.recv(0))
+                    messages += filter(is_answer, [bus.recv(0)])
                 else:
                     received += os.read(imu.fileno(), 4096)
     return messages, received
+
+
+def is_answer(message: can.Message | None) -> bool:
+    return message is not None and 0x190 < message.arbitration_id < 0x198
 
 
 @pytest.mark.parametrize("held_up", range(6))
@@ -104,15 +110,13 @@ def test_process_answers_sync_and_streams_over_pseudo_terminals(tmp_path):
         process.kill()
         process.wait()
         process.stdout.close()
-    answers = [m for m in messages if 0x190 < m.arbitration_id < 0x198]
     counters = {
-        node: [m.data[7] for m in answers if m.arbitration_id == 0x180 + node]
+        node: [m.data[7] for m in messages if m.arbitration_id == 0x180 + node]
         for node in range(0x11, 0x18)
     }
-    # every SYNC answered by every node with its own counter, in order, the last perhaps later
+    # every SYNC answered by every node with its own counter, in order
     for echoed in counters.values():
-        assert echoed == list(range(1, len(echoed) + 1))
-        assert len(echoed) >= 39
+        assert echoed == list(range(1, 41))
     assert len(received) > 42 * 100
     assert received[0] == received[42] == received[84] == 0xA5
     assert b"\xc0\x21\x84\x18" in solution

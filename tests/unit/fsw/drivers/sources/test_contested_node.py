@@ -53,3 +53,18 @@ def test_a_sync_sent_twice_costs_no_sample(batch: int, apart: int):
     samples, bus = flown(batch, lambda k: cycle(k) + [impostor(k)] * (k % apart == 50))
     assert len(samples) == 1000
     assert Fault.NODE_CONTESTED not in {finding.fault for finding in bus.findings()}
+
+
+@pytest.mark.parametrize("batch", [1, 7, 40, 3000])
+def test_many_syncs_sent_twice_cost_no_sample(batch: int):
+    """Every node answers each of them twice, with another reading the second time."""
+
+    def doubled(k: int):
+        again = [reading(k, j, q=0.1001, tau=1.4, delay_ns=900_000) for j in (0, 1)]
+        return cycle(k) + (again if k % 20 == 3 else [])
+
+    samples, bus = flown(batch, doubled)
+    assert len(samples) == 1000
+    found = {finding.fault for finding in bus.findings()}
+    assert Fault.SYNC_DOUBLED in found
+    assert Fault.NODE_CONTESTED not in found
