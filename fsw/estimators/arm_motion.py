@@ -11,7 +11,7 @@ from fsw.config import Config
 from fsw.estimators.found_noise import LAGS
 from fsw.estimators.model.building import torque_model_covariance, torque_samples
 from fsw.estimators.polynomial import EXTRA_DEGREE
-from fsw.estimators.reversal import doubt
+from fsw.estimators.reversal import doubt, step
 from fsw.estimators.speed_motion import SpeedMotion
 from fsw.estimators.standstill import Standstills
 from fsw.estimators.window_fit import NO_FIT, ChannelFit, Fitted, Instants, Wanted
@@ -24,6 +24,7 @@ SPIKE_RATIO = 0.05  # of a window's samples; more outliers mean that the channel
 MIN_SPIKES = 3
 SURPLUS_RATIO = 0.01  # share of surplus samples above which a window does not count for the noise
 LACKING_RATIO = 0.25  # share of missing samples, likewise
+LEAST_STEP = 0.05  # of a sample's noise: friction that reverses by more does not count for it
 MOTION = (0, 1, 2)  # derivatives of a joint's position
 OF_SPEED = (-1, 0, 1)  # the same derivatives, counted from its speed
 SPEED_EXTRA_DEGREE = 1  # of a speed's polynomial over a torque's: its first derivative is used
@@ -201,6 +202,8 @@ class ArmConditioner:
             lasting = self._standstills.factor(motion[0].mean(axis=0), is_resting)
             ways = lasting * self._coulomb_nm * doubt(motion[1], self._speed_rad_s)
             cov_tau += np.einsum("win,wjn->nij", ways, ways)
+            steps = self._coulomb_nm * step(motion[1], self._speed_rad_s)
+            products = np.where(steps > LEAST_STEP * self._torque_sigma, 0.0, products)
         if self._cov_model.any():
             cov_tau += self._cov_model
         return Arm(

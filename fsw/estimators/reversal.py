@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.polynomial import legendre
 
-from fsw.estimators.polynomial import gauss_nodes
+from fsw.estimators.polynomial import EXTRA_DEGREE, gauss_nodes
 from fsw.messages import FloatArray
 
 DULLEST = 2.0  # times the configured rate: below, friction may have any value
@@ -43,6 +43,22 @@ def shape(qd_rad_s: FloatArray, speed_rad_s: FloatArray) -> tuple[FloatArray, Fl
     steep = (1.0 - values**2) / speed_rad_s
     slope = np.einsum("mk,...kn,km->...mn", P, steep, E)
     return P @ values, slope
+
+
+@lru_cache(maxsize=4)
+def _projector(m: int) -> FloatArray:
+    """Return (INSTANTS, INSTANTS): what the polynomial leaves whose residuals are the noise."""
+    E, _ = _operators(m)
+    instants = (2.0 * np.arange(INSTANTS) + 1.0) / INSTANTS - 1.0
+    V = legendre.legvander(instants, m - 1 + EXTRA_DEGREE)
+    return np.asarray(np.eye(len(E)) - V @ np.linalg.pinv(V), np.float64)
+
+
+def step(qd_rad_s: FloatArray, speed_rad_s: FloatArray) -> FloatArray:
+    """Return the rms (n,) of tanh(qd / v) in a window that a polynomial takes for noise."""
+    m = len(qd_rad_s)
+    left = _projector(m) @ np.tanh((_operators(m)[0] @ qd_rad_s) / speed_rad_s)
+    return np.asarray(np.sqrt(np.mean(left**2, axis=0)), np.float64)
 
 
 def doubt(qd_rad_s: FloatArray, speed_rad_s: FloatArray) -> FloatArray:

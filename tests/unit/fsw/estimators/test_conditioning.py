@@ -415,6 +415,26 @@ def test_friction_that_reverses_is_no_outlier_where_it_is_declared() -> None:
     assert doubted[1] > 0.1
 
 
+def test_a_window_in_which_declared_friction_reverses_does_not_tell_of_the_noise() -> None:
+    """The step of a reversal is no noise; where the joint only moves one way, products are kept."""
+    t = np.arange(200) / 500.0 - 0.2
+    rng = np.random.default_rng(8)
+    config = make_config()
+    update = {"friction_coulomb_sigma_nm": 0.5, "friction_speed_rad_s": 0.01}
+    joints = [joint.model_copy(update=update) for joint in config.joints]
+    config = config.model_copy(update={"joints": joints})
+    made = window(1)
+    start_s = (made.start_ns + made.stop_ns) * 0.5e-9
+    for first_rad_s, tells in ((0.0, False), (0.15, False), (0.5, True)):
+        rate = first_rad_s + t
+        torque = 0.4 * np.tanh(rate / 0.01) + rng.normal(scale=TORQUE_NOISE_NM, size=len(t))
+        values = np.column_stack([first_rad_s * t + 0.5 * t**2, torque])
+        moved = with_joint(made, 0, channel(start_s + t, values))
+        block = Conditioner(config, tuple(range(N))).condition(moved)
+        assert block is not None
+        assert block.tau_products_nm2[:, 0].any() == tells, first_rad_s
+
+
 @pytest.mark.parametrize("name", ["gyro", "accelerometer"])
 def test_a_reading_that_is_left_out_is_one_that_never_came_to_the_bit(name: str) -> None:
     whole = window()
