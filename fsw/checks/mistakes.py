@@ -45,6 +45,7 @@ def usual_mistakes(trial: Trial) -> list[Mistake]:
         *_clocks(config),
         *_gravity(config),
         *_friction(config),
+        *_wrenches(config),
         *(_mountings(config) if config.imu.present else ()),
         *(_axes() if config.imu.present else ()),
     ]
@@ -245,18 +246,41 @@ def _mountings(config: Config) -> Iterator[Mistake]:
             q[[1, 2, 3, 0]]
         ),
     }
-    for axes, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
-        turn = np.diag(signs)[list(axes)]
-        if np.linalg.det(turn) > 0 and not np.allclose(turn, np.eye(3)):
-            words = [f"{'-' if turn[row].sum() < 0 else ''}{'xyz'[axes[row]]}" for row in range(3)]
-            text = f"{QUATERNION}: the unit's axes {' '.join(words)} stand where x y z should"
-            named[text] = R @ turn
+    for words, turn in _quarter_turns():
+        named[f"{QUATERNION}: the unit's axes {words} stand where x y z should"] = R @ turn
     for text, true in named.items():
         if not np.allclose(true, R):
             values = Rotation.from_matrix(true).as_quat() + 0.0
             yield Mistake(
                 text=f"{text}. Set q_BS_xyzw: [{', '.join(f'{v:.6g}' for v in values)}]",
                 change=partial(_mounted, q_BS_xyzw=values.tolist()),
+            )
+
+
+def _quarter_turns() -> Iterator[tuple[str, FloatArray]]:
+    """Yield the axes that stand where x y z should, and the rotation, of all but the identity."""
+    for axes, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
+        turn = np.diag(signs)[list(axes)]
+        if np.linalg.det(turn) > 0 and not np.allclose(turn, np.eye(3)):
+            words = [f"{'-' if turn[row].sum() < 0 else ''}{'xyz'[axes[row]]}" for row in range(3)]
+            yield " ".join(words), turn
+
+
+def _wrenches(config: Config) -> Iterator[Mistake]:
+    """Yield sign and quarter turns of every wrench sensor."""
+    for i, sensor in enumerate(config.wrench_sensors):
+        key, channels = f"wrench_sensors.{i}", [f"wrench_sensors.{i}"]
+        R_FS = Rotation.from_euler("xyz", sensor.rpy_FS_rad)
+        yield Mistake(
+            text=f"{key}.sign ({sensor.name}): {sensor.sign} should be {-sensor.sign}",
+            change=partial(Trial.turned, channels=channels, M=-np.eye(6)),
+        )
+        for words, turn in _quarter_turns():
+            true = (R_FS * Rotation.from_matrix(turn)).as_euler("xyz") + 0.0
+            yield Mistake(
+                text=f"{key}.rpy_FS_rad ({sensor.name}): its axes {words} stand where x y z "
+                f"should; set it to [{', '.join(f'{v:.6g}' for v in true)}]",
+                change=partial(Trial.turned, channels=channels, M=np.kron(np.eye(2), turn)),
             )
 
 

@@ -197,7 +197,7 @@ class Trial:
         return self.sampled({name: self.streams[name].shifted(by_s) for name in channels})
 
     def turned(self, channels: Sequence[str], M: FloatArray) -> Trial:
-        """Return the trial with vectors of inertial channels (in S) multiplied by M (3, 3)."""
+        """Return the trial with the readings of channels, in S, multiplied by M (k, k)."""
         own = {name: self.streams[name] for name in channels}
         return self.sampled({k: Stream(s.t_ns, s.values @ M.T) for k, s in own.items()})
 

@@ -1,5 +1,7 @@
 """A wrist's table, imported and identified: truth by MuJoCo; sensors that are declared wrong."""
 
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -55,6 +57,23 @@ def test_the_wrist_alone_weighs_the_box_in_static_poses(tmp_path: Path) -> None:
 def test_a_wrongly_declared_wrist_is_not_believed(tmp_path: Path, changes: Any) -> None:
     found = identified(Case("moving", "both", SEED, changes), tmp_path)
     assert "MODEL_MISMATCH" in found["reasons"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ((("sign", -1),), "wrench_sensors.0.sign (wrist): -1 should be 1"),
+        ((("rpy_FS_rad", [np.pi, 0.0, 0.4]),), "set it to [0, 0, 0.4]"),
+    ],
+    ids=["sign", "turned by half"],
+)
+def test_check_names_a_wrong_sign_and_exchanged_axes(
+    tmp_path: Path, changes: Any, words: str
+) -> None:
+    identified(Case("moving", "both", SEED, changes), tmp_path)
+    command = [sys.executable, "-m", "fsw", "check", *("robot.yaml", "arm.mcap")]
+    said = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert words in said.stdout
 
 
 def test_a_bag_of_wrenches_has_their_columns(tmp_path: Path) -> None:
