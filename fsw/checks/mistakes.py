@@ -10,6 +10,7 @@ from itertools import combinations, permutations, product
 from math import degrees, radians
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 from fsw.checks.trial import ACCELEROMETER, GYRO, Trial
@@ -263,7 +264,7 @@ def _quarter_turns() -> Iterator[tuple[str, FloatArray]]:
         turn = np.diag(signs)[list(axes)]
         if np.linalg.det(turn) > 0 and not np.allclose(turn, np.eye(3)):
             words = [f"{'-' if turn[row].sum() < 0 else ''}{'xyz'[axes[row]]}" for row in range(3)]
-            yield " ".join(words), turn
+            yield " ".join(words), np.asarray(turn, np.float64)
 
 
 def _wrenches(config: Config) -> Iterator[Mistake]:
@@ -280,7 +281,7 @@ def _wrenches(config: Config) -> Iterator[Mistake]:
             yield Mistake(
                 text=f"{key}.rpy_FS_rad ({sensor.name}): its axes {words} stand where x y z "
                 f"should; set it to [{', '.join(f'{v:.6g}' for v in true)}]",
-                change=partial(Trial.turned, channels=channels, M=np.kron(np.eye(2), turn)),
+                change=partial(Trial.turned, channels=channels, M=block_diag(turn, turn)),
             )
 
 
