@@ -80,7 +80,7 @@ def explain_residuals(
 
     `blocks` are all blocks of the recording.
     """
-    fit = trial.fit()
+    fit = trial.fit(FREED_ITERATIONS, plain=True)  # if not settled, it would look wrong
     before, config = fit.level, trial.config
     found, nearest, level, count = _searched(trial, before, progress)
     if before <= LARGE:
@@ -155,7 +155,7 @@ def _excess(level: float) -> float:
 
 def unexplained(trial: Trial) -> tuple[float, list[str]]:
     """Return the ratio of squared residuals, and words on a clock's offset that small ones show."""
-    fit = trial.fit()
+    fit = trial.fit(FREED_ITERATIONS, plain=True)
     return fit.level, _small_offset(trial, fit) if fit.level <= LARGE else []
 
 
@@ -208,14 +208,14 @@ def _doubted(
 ) -> tuple[float, str, str]:
     """Return ratio and words on mounting and other values; a wrong mounting is estimated freely."""
     problem = with_doubtful_mounting(config, problem)
-    x = fitted(problem, blocks, FREED_ITERATIONS).mean
-    kind = contradicted(problem, x)
+    fit = fitted(problem, blocks, FREED_ITERATIONS, plain=True)
+    kind = contradicted(problem, fit.mean) if fit.has_settled else ""
     if config.imu.present and (level > LARGE or kind in ("imu_place", "imu_angle")):
         free = fitted(with_free_mounting(problem), blocks, FREED_ITERATIONS)
         words = mounting_words(config, problem, free.mean) if free.level <= LARGE else ""
         if words:
             return free.level, words, ""
-    return level, "", other_words(problem, x) if kind and level <= LARGE else ""
+    return level, "", other_words(problem, fit.mean) if kind and level <= LARGE else ""
 
 
 def _freed_base(trial: Trial) -> tuple[float, str]:

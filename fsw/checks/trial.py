@@ -30,6 +30,7 @@ SPARE_S = 1.5  # samples kept on both sides of a place, so that stamps can be sh
 ITERATIONS = 12
 MOST = 150  # most windows of a recording whose windows depend on all windows before
 WRAP_RAD = 0.3  # a step within this of a whole turn is a wrap
+GAP = 10.0  # median steps between samples, beyond which some are missing
 GYRO, ACCELEROMETER, ATTITUDE = "gyro", "accelerometer", "attitude"
 
 
@@ -59,7 +60,7 @@ class Stream:
         """Return the whole turns (k,) by which a joint's angle has wrapped since the first sample.
 
         A step of about a turn is a wrap if the joint cannot make it in the time, and the steps
-        before and after it are small.
+        before and after it are small. Over missing samples any step may be motion.
         """
         angles, dt_s = self.values[:, 0], np.diff(self.t_ns) * 1e-9
         if joint.kind != "revolute" or joint.speed_only or len(angles) < 2:
@@ -67,9 +68,10 @@ class Stream:
         step = np.diff(angles)
         wraps = np.rint(step / tau)
         reach = np.minimum(WRAP_RAD + joint.speed_limit_rad_s * dt_s, 0.25 * tau)
+        is_gap = dt_s > GAP * np.median(dt_s)
         is_step = np.abs(step) > reach
         beside = np.append(is_step[1:], False) | np.append(False, is_step[:-1])
-        wraps[(np.abs(step - tau * wraps) > reach) | beside] = 0.0
+        wraps[(np.abs(step - tau * wraps) > reach) | beside | is_gap] = 0.0
         return np.concatenate([[0], np.cumsum(wraps)]).astype(np.int64)
 
     def at(self, t_ns: IntArray) -> FloatArray:
@@ -87,6 +89,7 @@ class Fit:
     level: float  # ratio of squared residuals to declared noise; inf: no fit
     rows: int
     mean: FloatArray  # (p,) the state
+    has_settled: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -171,9 +174,9 @@ class Trial:
         own = [self.streams[f"{section}.{k}"] for k in range(count)]
         return tuple(stream.within(start_ns, stop_ns) for stream in own)
 
-    def fit(self, iterations: int = ITERATIONS) -> Fit:
-        """Return the best fit of the bodies."""
-        return fitted(self.problem, self.blocks, iterations)
+    def fit(self, iterations: int = ITERATIONS, *, plain: bool = False) -> Fit:
+        """Return the best fit of the bodies; `plain` as `minimise` has it."""
+        return fitted(self.problem, self.blocks, iterations, plain=plain)
 
     def thinned(self, places: int) -> Trial:
         """Return the trial at fewer places: the first ones if there is only one run."""
@@ -327,17 +330,28 @@ def unwrapped(config: Config, windows: Sequence[Window]) -> Sequence[Window]:
     return [replace(window, joints=joints) for window, joints in rows]
 
 
-def fitted(problem: Problem, blocks: Sequence[Block], iterations: int = ITERATIONS) -> Fit:
-    """Return the best fit of the bodies to blocks."""
+def fitted(
+    problem: Problem,
+    blocks: Sequence[Block],
+    iterations: int = ITERATIONS,
+    *,
+    plain: bool = False,
+) -> Fit:
+    """Return the best fit of the bodies to blocks; `plain` as `minimise` has it."""
     nothing = Fit(level=float("inf"), rows=1, mean=problem.prior_mean)
     if not blocks:
         return nothing
     target = Target(Linearisation(row_function("fused", "eiv", problem), blocks))
     try:
         with np.errstate(all="ignore"):
-            solution = minimise(problem, target, max_iterations=iterations, plain=False)
+            solution = minimise(problem, target, max_iterations=iterations, plain=plain)
     except NUMERICAL:
         return nothing
     rows = max(solution.rows, 1)
-    fit = Fit(level=solution.cost / rows, rows=rows, mean=solution.mean)
+    fit = Fit(
+        level=solution.cost / rows,
+        rows=rows,
+        mean=solution.mean,
+        has_settled=solution.status != "NOT_CONVERGED",
+    )
     return fit if np.isfinite(fit.level) else nothing

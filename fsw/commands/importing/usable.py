@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 from fsw.messages import FloatArray, IntArray
 from fsw.messages.errors import ConfigError
 
+MANY = 0.05  # share of values out of range, or of steps too fast, that single errors do not explain
+UNIT = "is the unit in the mapping right (rad or deg, m or mm, N m or mN m, m/s2 or g)?"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Part:
@@ -58,6 +61,8 @@ def usable(
         if np.isnan(kept[:, k]).all():
             said = said or f"{len(values)} not a number"
             raise ConfigError(f"{path}: {part.key}: {column!r} has no usable value: {said}")
+        if is_far[:, k].sum() > MANY * len(values):
+            said = f"{said}; {UNIT}"
         if said:
             words.append(f"rejected of {column}: {said}")
     return kept, words
@@ -86,7 +91,7 @@ def jumps(
     allowed = slack + limits * np.diff(t_ns)[:, None] * 1e-9
     return [
         f"jumps of {column} that {limit:g} {unit}/s do not allow: {count}, the largest "
-        f"{step[is_jump].max():.3g} {unit}"
+        f"{step[is_jump].max():.3g} {unit}" + f"; {UNIT}" * (count > MANY * len(step))
         for column, limit, unit, step, is_jump in zip(
             columns, limits, units, steps.T, (steps > allowed).T, strict=True
         )

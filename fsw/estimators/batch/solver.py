@@ -27,6 +27,7 @@ from fsw.estimators.model.inertia import log_cholesky_jacobian
 from fsw.estimators.model.mobility import NOTE, by_mobility, is_bent
 from fsw.estimators.model.prior import Prior
 from fsw.estimators.model.problem import Problem
+from fsw.estimators.model.state_groups import in_words
 from fsw.estimators.square_root import SquareRootInformation
 from fsw.messages import Block, FloatArray
 
@@ -188,7 +189,10 @@ def _still_moving(problem: Problem, step: FloatArray, information: SquareRootInf
     most = int(np.argmax(sigmas))
     if not sigmas[most] > 0.0:
         return "no step makes the residuals smaller"
-    return f"{problem.names[most]} still moves by {sigmas[most]:.2g} sigma at each step"
+    return (
+        f"{in_words(problem.names[most])} still moves by {sigmas[most]:.2g} sigma at each step: "
+        "the motion hardly shows it, or the data contradict it; ask fsw check CONFIG RECORDING"
+    )
 
 
 def regress(problem: Problem, target: Target) -> BatchSolution:

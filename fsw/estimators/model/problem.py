@@ -25,7 +25,7 @@ from fsw.estimators.model.orbit import CircularOrbit
 from fsw.estimators.model.prior import Prior
 from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.model.state_group import StateGroup
-from fsw.estimators.model.state_groups import BY_NAME, group_of
+from fsw.estimators.model.state_groups import BY_NAME, group_of, in_words
 from fsw.estimators.model.walks import Walks
 from fsw.messages import FloatArray
 
@@ -212,7 +212,13 @@ class Problem:
     def suspicion(self, x: FloatArray) -> str:
         """Return a note on a state of arm or calibration beyond CONSPICUOUS sigma, or ""."""
         name, sigmas = self.least_plausible(x)
-        return f"; {name} is {sigmas:.0f} sigma off" if sigmas > CONSPICUOUS else ""
+        if sigmas <= CONSPICUOUS:
+            return ""
+        key = BY_NAME[name.partition(".")[0]].key
+        return (
+            f"; {in_words(name)}: estimated {sigmas:.0f} sigma from what is configured; "
+            f"correct it, or state its doubt by {key}"
+        )
 
     def place_m(self, x: FloatArray) -> FloatArray:
         """Return the accelerometer's place in B (3,) for the state x [m]."""

@@ -298,3 +298,13 @@ BY_NAME = {group.name: group for group in GROUPS}
 def group_of(state: str) -> StateGroup | None:
     """Return the group of a state, such as `torque_offset.joint1`; None: it is of a body."""
     return BY_NAME.get(state.partition(".")[0])
+
+
+def in_words(state: str) -> str:
+    """Return the quantity of a state, such as `zeros of joints (joint1)`; of a body its name."""
+    group, label = group_of(state), state.partition(".")[2]
+    if group is None:
+        return state
+    if group.name == "known":  # its labels end in the number of a parameter
+        label = label.rpartition(".")[0]
+    return f"{group.cause or group.effect} ({label})"

@@ -19,7 +19,9 @@ from hil.world.inertia import FloatArray
 
 START_S = 100.0  # stamps of a log do not begin at zero
 DIGITS = 12
-FAULTS = ("WRONG", "doubtful")
+ASKED = "is the unit in the mapping right"
+FAULTS = ("WRONG", "doubtful", ASKED)
+HOLDOUT = ("--holdout", "0.2")
 MAPPING = {
     "joints": {
         "file": "joints.csv",
@@ -42,6 +44,7 @@ class Recorded:
 
     findings: tuple[str, ...]  # lines of import and check on what does not fit
     status: str  # of `fsw identify`, or its error
+    passed: bool  # whether `fsw identify --holdout` says so
     values: Mapping[str, Any]  # of `fsw identify --json`; empty: there is no result
 
 
@@ -59,12 +62,17 @@ def judged(readings: Readings, right: Config, used: Config, folder: Path) -> Rec
     mapped = ("--map", str(folder / "map.yaml"), "--config", str(config))
     said = _said("import", *mapped, "--out", str(recording))
     if not recording.exists():
-        return Recorded(findings=tuple(said), status="import refused", values={})
-    lines = _said("check", str(config), str(recording))
+        return Recorded(findings=tuple(said), status="import refused", passed=False, values={})
+    lines = said + _said("check", str(config), str(recording))
     found = tuple(line for line in lines if any(word in line for word in FAULTS))
-    text = _said("identify", str(recording), "--config", str(config), "--json")
+    text = _said("identify", str(recording), "--config", str(config), *HOLDOUT, "--json")
     values: dict[str, Any] = next((json.loads(line) for line in text if line.startswith("{")), {})
-    return Recorded(findings=found, status=values.get("status", text[-1]), values=values)
+    return Recorded(
+        findings=found,
+        status=values.get("status", text[-1]),
+        passed=values.get("holdout", {}).get("passed", False),
+        values=values,
+    )
 
 
 def _configured(used: Config, right: Config, folder: Path) -> Path:

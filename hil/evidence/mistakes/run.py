@@ -72,6 +72,12 @@ class Finding:
     recorded_z: float  # z of that result
     named: bool  # whether `fsw check` or `fsw import` names the mistake
     findings: tuple[str, ...]  # what they say does not fit
+    passed: bool = False  # whether `fsw identify --holdout` says so of the recording
+
+    @property
+    def passed_though_wrong(self) -> bool:
+        """Whether identify says passed where check says WRONG."""
+        return self.passed and any("WRONG" in line for line in self.findings)
 
     @property
     def confidently_wrong(self) -> bool:
@@ -188,6 +194,7 @@ def _with_recording(
         recorded_z=_batch_worst(own.values, truth) if own.values else float("inf"),
         named=any(word in line for word in words for line in own.findings),
         findings=own.findings,
+        passed=own.passed,
     )
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from hil.evidence.mistakes.readings import Readings
+from hil.evidence.mistakes.recording import ASKED
 from hil.world.base_urdf import change_links, child_links
 from hil.world.inertia import FloatArray
 
@@ -79,7 +80,7 @@ def _configurations() -> Mapping[str, Mistake]:
 
 
 def _readings() -> Mapping[str, Mistake]:
-    torque_units = ("1000 times too", "torque_limit_nm", "beyond")
+    torque_units = ("1000 times too", "torque_limit_nm", "beyond", ASKED)
     rows: Mapping[str, tuple[Callable[[Readings], Readings], tuple[str, ...]]] = {
         "all torques reversed": (_scaled("torque", -1.0), ("all torques count the other way",)),
         "all positions reversed": (_scaled("position", -1.0), ("all positions count the other",)),
@@ -94,10 +95,13 @@ def _readings() -> Mapping[str, Mistake]:
         "IMU 30 ms early": (_late("t_imu_s", -0.03), ("imu: its clock differs",)),
         "IMU 0.9 s late": (_late("t_imu_s", 0.9), ("imu: its clock differs",)),
         "specific force in g": (_scaled("force", 1.0 / G_M_S2), ("specific force is in g",)),
-        "rates in deg/s": (_scaled("rate", math.degrees(1.0)), ("rates are in degrees", "beyond")),
+        "rates in deg/s": (
+            _scaled("rate", math.degrees(1.0)),
+            ("rates are in degrees", "beyond", ASKED),
+        ),
         "angles in degrees": (
             _scaled("position", math.degrees(1.0)),
-            ("angles are in degrees", "degrees", "out of reach"),
+            ("angles are in degrees", ASKED),
         ),
         "torques in mN m": (_scaled("torque", 1e3), torque_units),
         "torques in kN m": (_scaled("torque", 1e-3), torque_units),

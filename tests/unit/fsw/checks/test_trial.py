@@ -80,6 +80,8 @@ def test_an_angle_that_wraps_is_unwrapped_and_nothing_else(made):
     assert not stream(spike).turns(joint).any()
     in_degrees = stream(np.rad2deg(np.sin(t)))
     assert not in_degrees.turns(joint).any()
+    moved, rows = stream(6.2 * (t > 8.0)), np.r_[0:700, 880:2000]
+    assert not Stream(moved.t_ns[rows], moved.values[rows]).turns(joint).any(), "over a gap"
 
 
 def test_windows_are_unwrapped_from_one_to_the_next(made):

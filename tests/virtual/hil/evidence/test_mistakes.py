@@ -1,8 +1,10 @@
 """Mistakes of configuration in their short form: none leads to a valid estimate that is wrong."""
 
+from dataclasses import replace
+
 import pytest
 
-from hil.evidence.mistakes.command import findings, line
+from hil.evidence.mistakes.command import findings, line, summary
 from hil.evidence.mistakes.run import run
 from hil.evidence.mistakes.table import mistakes
 from hil.world.scenario import ScenarioError
@@ -49,6 +51,17 @@ def test_a_batch_names_the_lever_arm_that_its_data_contradict() -> None:
 def test_the_figure_can_fail() -> None:
     """Declared as exact, links off by 1 % are enough."""
     assert run("target", "all links off 1 %", 0, blocks=70, exact=True).confidently_wrong
+
+
+def test_a_recording_that_passes_where_check_says_wrong_fails_the_table() -> None:
+    refused = run("target", "quaternion order of the IMU", 0, blocks=1)
+    one = replace(refused, refused="", recorded="OK", recorded_z=1.0, findings=("WRONG: signs",))
+    assert not one.passed_though_wrong
+    assert summary([replace(one, valid=True, batch="OK", batch_z=1.0)])[1]
+    passed = replace(one, valid=True, batch="OK", batch_z=1.0, passed=True)
+    assert passed.passed_though_wrong
+    assert "PASSED THOUGH WRONG" in line(passed)
+    assert not summary([passed])[1]
 
 
 def test_there_are_twenty_mistakes_and_names_are_checked() -> None:

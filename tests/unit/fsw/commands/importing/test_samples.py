@@ -8,6 +8,7 @@ import pytest
 from fsw.commands.importing.captures import Channel
 from fsw.commands.importing.mapping import Mapping
 from fsw.commands.importing.samples import sampled_channels
+from fsw.commands.importing.usable import UNIT
 from fsw.config import Config
 from fsw.messages.errors import ConfigError
 from tests.support.estimator_cases import make_config
@@ -132,6 +133,23 @@ def test_a_source_that_the_configuration_lacks_is_named_by_its_key(tmp_path: Pat
     assert not config.wheels
     with pytest.raises(ConfigError, match=r"wheels\.speed: mapped, and the conf.* has no wheels$"):
         channel(config, tmp_path, "wheels", table)
+
+
+@pytest.mark.parametrize("section", ["joints", "imu"])
+def test_many_values_that_no_sensor_gives_ask_for_the_unit(section: str, tmp_path: Path) -> None:
+    """Degrees as radians: out of reach, and too fast from row to row."""
+    config, table = case(section)
+    table |= {name: [repr(1e-4 * row) for row in range(ROWS)] for name in table if name[0] == "q"}
+    assert UNIT not in channel(config, tmp_path, section, table).text
+    lasted_s = ROWS / config.buses[0].rate_hz
+    most = {
+        "joints": config.joints[1].speed_limit_rad_s * lasted_s,
+        "imu": config.imu.max_rate_rad_s,
+    }
+    name = {"joints": "q_joint2", "imu": "wx"}[section]
+    swing = [3.0 * most[section] * np.sin(0.3 * row) for row in range(ROWS)]
+    table[name] = [repr(float(value)) for value in swing]
+    assert UNIT in channel(config, tmp_path, section, table).text
 
 
 def test_jumps_of_a_position_are_counted_and_stay(tmp_path: Path) -> None:
