@@ -95,6 +95,12 @@ def _verdict(value: FloatArray, ratio: FloatArray, shared: float, unit: str) -> 
     }
 
 
+def unpredicted(holdout: Mapping[str, Any]) -> str:
+    """Return which channels of `judge` are not predicted; empty: all are."""
+    failed = [name for name, channel in holdout["channels"].items() if not channel["passed"]]
+    return f"held-out windows are not predicted: {', '.join(failed)}" if failed else ""
+
+
 def to_text(holdout: Mapping[str, Any]) -> list[str]:
     """Return the values of `judge` as lines of text, the verdict first."""
     verdict = "PASSED" if holdout["passed"] else "FAILED"

@@ -8,7 +8,7 @@ from typing import Any
 from fsw.checks.recorded import WRONG
 from fsw.clock import MonotonicClock
 from fsw.commands.check_recording import contradictions
-from fsw.commands.holdout import judge, split
+from fsw.commands.holdout import judge, split, unpredicted
 from fsw.commands.holdout import to_text as holdout_text
 from fsw.commands.nodes import Nodes
 from fsw.commands.replay import replay
@@ -118,12 +118,17 @@ def identify(
     else:
         blocks = _plausible(collector.blocks)
         used, held = split(blocks, holdout)
-        values = run_batch(chosen, used, method, names, progress, keep, empty.blocks)
-        try:
-            judged = judge(blocks, held, *state[0])
-            values |= {"holdout": judged | {"passed": judged["passed"] and not wrong}}
-        except ValueError as error:  # LinAlgError: the base has no inertia at the estimate
-            raise EstimatorError(f"--holdout: nothing can be predicted: {error}") from error
+        judged: dict[str, Any] = {}
+
+        def predict(problem: Problem, x: FloatArray, covariance: FloatArray) -> str:
+            try:
+                judged.update(judge(blocks, held, problem, x, covariance))
+            except ValueError as error:  # LinAlgError: the base has no inertia at the estimate
+                raise EstimatorError(f"--holdout: nothing can be predicted: {error}") from error
+            return unpredicted(judged)
+
+        values = run_batch(chosen, used, method, names, progress, keep, empty.blocks, predict)
+        values |= {"holdout": judged | {"passed": judged["passed"] and not wrong}}
     values |= {
         "samples": result.status["samples"],
         "truncated": result.truncated,

@@ -9,7 +9,7 @@ from fsw.checks.configuration import validate
 from fsw.checks.robot import read_model
 from fsw.checks.urdf import check_urdf
 from fsw.commands.init_answers import Ask, asker, mass_kg, one_of
-from fsw.commands.init_devices import library, listing
+from fsw.commands.init_devices import device, library, listing
 from fsw.commands.init_recording import Recorded, recorded
 from fsw.commands.init_text import (
     body_lines,
@@ -17,6 +17,7 @@ from fsw.commands.init_text import (
     estimator_lines,
     imu_lines,
     joint_lines,
+    links_lines,
     tracker_lines,
     word,
 )
@@ -64,9 +65,11 @@ def init(arguments: argparse.Namespace) -> str:
     model = read_model(arguments.urdf, tool)
     if model.n == 0:
         raise ConfigError(f"{arguments.urdf} has no joint that moves; at least 1 is needed")
+    is_held = "clamped" in base
+    arguments.torque = arguments.torque or ("arm_sensor" if is_held else "generic")
     found = None if arguments.recording is None else recorded(arguments.recording, model)
     if found is not None and not found.nodes:
-        _refuse_missing_sensors(arguments, found, moves="clamped" not in base)
+        _refuse_missing_sensors(arguments, found, moves=not is_held)
     files = {out: _text(arguments, ask, tool, root, model, found) + base}
     config = parse(files[out].encode(), out.parent.absolute(), str(out))  # checks the text
     _, doubts = validate(config)
@@ -156,6 +159,7 @@ def _text(
         "robot:",
         f"  urdf: {word(urdf.name if near else str(urdf))}",
         f"  tool_frame: {word(tool)}",
+        *links_lines(device("torque", arguments.torque)),
         "",
     ]
     lines += [f"unknown: [{', '.join(bodies)}]", "bodies:"]

@@ -42,7 +42,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--tracker", metavar="NAME", help="sagitta or none")
     parser.add_argument("--tracker-rpy", type=float, nargs=3, metavar="RAD")
     parser.add_argument("--encoder", default="generic_24_bit", metavar="NAME")
-    parser.add_argument("--torque", default="generic", metavar="NAME")
+    parser.add_argument(
+        "--torque",
+        metavar="NAME",
+        help="motor_current: from currents; else arm_sensor if clamped, generic if not",
+    )
     parser.add_argument(
         "--first-node",
         type=node_number,

@@ -36,6 +36,8 @@ PERIODS_S = (2e-4, 0.2)  # a sensor's period in seconds; in another unit it is a
 TURN_RAD = 2.2 * np.pi  # larger angles of a joint with a range are degrees
 FAST_RAD_S = 15.0  # larger rates of a base are degrees a second
 DIFFERENCE = 4  # order of the differences that show noise, not motion
+AT_REST = 0.1  # of the largest noise of a joint: less is that of a joint that does not move
+EQUAL = 1e-10  # difference of values that differ by the rounding of arithmetic alone
 LEAST = 50  # least number of rows
 
 
@@ -122,7 +124,7 @@ def _of_table(table: Table, model: RobotModel) -> Recorded:
         imu_rate_hz=imu_rate_hz,
         tracker_rate_hz=tracker_rate_hz,
         has_torque=tau is not None,
-        joints=_limits(t_s, q, tau),
+        joints=_limits(t_s, q, tau, model.kinds()),
         mapping=[*lines, *others],
     )
 
@@ -225,18 +227,26 @@ def _torques(table: Table, group: Group, model: RobotModel) -> tuple[FloatArray,
     return tau * (1e-3 if unit == "mN m" else 1.0), words
 
 
-def _limits(t_s: FloatArray, q: FloatArray, tau: FloatArray | None) -> list[Limits]:
+def _limits(
+    t_s: FloatArray, q: FloatArray, tau: FloatArray | None, kinds: Sequence[str]
+) -> list[Limits]:
     """Return sizes and noise of every joint, from rows that differ from the one before."""
     is_new = np.append(True, (np.diff(q, axis=0) != 0.0).any(axis=1) & (np.diff(t_s) > 0.0))
     t_s, q = t_s[is_new], q[is_new]
     tau = np.full_like(q, np.nan) if tau is None else tau[is_new]
     speeds = np.abs(np.diff(q, axis=0)) / np.diff(t_s)[:, None] if len(t_s) > 1 else np.abs(q)
+    noises = [max(_noise(t_s, one), _step(one) / np.sqrt(12.0)) for one in q.T]
+    for kind in set(kinds):  # a joint at rest does not show what the encoders of the others do
+        own = [k for k, other in enumerate(kinds) if other == kind]
+        most = max(noises[k] for k in own)
+        for k in own:
+            noises[k] = most if noises[k] < AT_REST * most else noises[k]
     return [
         Limits(
             torque_nm=_most(tau[:, k]),
             speed_rad_s=_most(speeds[:, k]),
-            torque_noise_nm=_noise(tau[:, k]),
-            position_noise_rad=_noise(q[:, k]),
+            torque_noise_nm=_noise(t_s, tau[:, k]),
+            position_noise_rad=noises[k],
         )
         for k in range(q.shape[1])
     ]
@@ -248,13 +258,28 @@ def _most(values: FloatArray) -> float:
     return float(np.quantile(finite, 0.999)) if finite.size else 0.0
 
 
-def _noise(values: FloatArray) -> float:
-    """Return 1 sigma of white noise by differences of a high order; 0: none is seen."""
-    values = values[np.isfinite(values)]
+def _noise(t_s: FloatArray, values: FloatArray) -> float:
+    """Return 1 sigma of white noise by divided differences of a high order; 0: none is seen.
+
+    Logs have gaps, so that plain differences would show the motion. Values that repeat, as at rest
+    or from a slower sensor, show no noise.
+    """
+    is_known = np.isfinite(values)
+    values, t_s = values[is_known], t_s[is_known]
     if len(values) < LEAST:
         return 0.0
-    gain = np.sqrt(70.0)  # of white noise in fourth differences: root of 1 + 16 + 36 + 16 + 1
-    return float(1.4826 * np.median(np.abs(np.diff(values, DIFFERENCE))) / gain)
+    near = np.lib.stride_tricks.sliding_window_view(np.arange(len(values)), DIFFERENCE + 1)
+    apart = t_s[near][:, :, None] - t_s[near][:, None, :] + np.eye(DIFFERENCE + 1)
+    weights = 1.0 / np.prod(apart / np.abs(apart).max(axis=(1, 2), keepdims=True), axis=2)
+    found = np.sum(weights * values[near], axis=1) / np.linalg.norm(weights, axis=1)
+    differs = np.ptp(values[near], axis=1) > 0.0
+    return float(1.4826 * np.median(np.abs(found[differs]))) if differs.sum() >= LEAST else 0.0
+
+
+def _step(values: FloatArray) -> float:
+    """Return the step to which values are rounded: the least difference between two of them."""
+    steps = np.diff(np.unique(values[np.isfinite(values)]))
+    return float(np.min(steps[steps > EQUAL], initial=np.inf)) if np.any(steps > EQUAL) else 0.0
 
 
 def _rate(t_s: FloatArray) -> float:

@@ -97,6 +97,13 @@ def joints_per_bus(rate_hz: float) -> int:
     return count
 
 
+def links_lines(torque: Mapping[str, Any]) -> list[str]:
+    """Return the line on the doubt of the links' masses, if a device's figures have one."""
+    key = "links_sigma_ratio"
+    words = "CHECK a guess for the masses of a URDF; less for those of a drawing"
+    return [f"  {key}: {torque[key]:g}  # {words}"] if key in torque else []
+
+
 def bus_lines(rate_hz: float, joints: int, found: Recorded | None) -> tuple[list[str], int]:
     """Return the section `buses`, and the number of joints on each bus but the last."""
     if found is not None and not found.nodes:
@@ -152,12 +159,15 @@ def joint_lines(
         if seen.position_noise_rad:
             position_noise = f"{max(seen.position_noise_rad, LEAST_NOISE_RAD):.3g}  # CHECK"
         measured = {
+            **{key: f"{torque[key]}" for key in ("torque",) if key in torque},
             "torque_limit_nm": efforts,
-            "torque_noise_nm": f"{seen.torque_noise_nm:.3g}  # CHECK"
-            if seen.torque_noise_nm > 0.0
+            # filtered torques show too little noise; those of a motor's current may be amperes
+            "torque_noise_nm": f"{max(seen.torque_noise_nm, noise):.3g}  # CHECK"
+            if seen.torque_noise_nm > 0.0 and "torque" not in torque
             else f"{noise:.3g}",
             "torque_offset_sigma_nm": f"{torque['offset_ratio'] * size:.3g}",
             "torque_scale_sigma_ratio": f"{torque['torque_scale_sigma_ratio']:g}",
+            **_friction(torque, size),
         }
         if found is not None and not found.has_torque:
             measured = {"torque": "none  # CHECK the recording has no torque"}
@@ -183,6 +193,23 @@ def joint_lines(
             *(f"    {key}: {value}" for key, value in own.items()),
         ]
     return lines
+
+
+def _friction(torque: Mapping[str, Any], size: float) -> dict[str, str]:
+    """Return the keys of friction and of the model's error that a device's figures give."""
+    shares = {
+        "friction_coulomb_sigma_nm": "friction_coulomb_ratio",
+        "friction_viscous_sigma_nms_rad": "friction_viscous_ratio",
+        "torque_model_sigma_nm": "torque_model_ratio",
+    }
+    found = {
+        key: f"{torque[share] * size:.3g}  # CHECK a guess"
+        for key, share in shares.items()
+        if share in torque
+    }
+    if "friction_speed_rad_s" in torque:
+        found["friction_speed_rad_s"] = f"{torque['friction_speed_rad_s']:g}"
+    return found
 
 
 def imu_lines(ask: Ask, found: Recorded | None) -> tuple[list[str], Mapping[str, Any]]:

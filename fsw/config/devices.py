@@ -94,6 +94,7 @@ WITHOUT_TORQUE = {  # values for a joint without torque sensor: the noise makes 
     "torque_scale_sigma_ratio": 0.0,
     "friction_coulomb_sigma_nm": 0.0,
     "friction_viscous_sigma_nms_rad": 0.0,
+    "friction_load_sigma_ratio": 0.0,
     "rotor_inertia_sigma_kg_m2": 0.0,
     "ripple_sigma_nm": 0.0,
     "ripple_periods": (),
@@ -104,6 +105,7 @@ OF_MOTOR_CURRENT = {  # wide priors of what stands between motor and link, as sh
     "friction_viscous_sigma_nms_rad": 0.1,
     "rotor_inertia_sigma_kg_m2": 0.02,
 }
+LOAD_OF_CURRENT = 0.1  # 1 sigma of the share of the transmitted torque that is friction
 GAIN_OF_CURRENT = 0.1  # 1 sigma of torque constant times gear ratio times efficiency
 
 
@@ -163,6 +165,7 @@ class JointConfig(Section):
     torque_scale_sigma_ratio: ScaleSigma = 0.02  # prior of the scale error; 0: none estimated
     friction_coulomb_sigma_nm: TorqueSigma = 0.0  # prior of friction in the reading; 0: none
     friction_viscous_sigma_nms_rad: TorqueSigma = 0.0
+    friction_load_sigma_ratio: ScaleSigma = 0.0  # of friction over the transmitted torque; 0: none
     friction_speed_rad_s: SlowRate = 0.01  # Coulomb friction is c tanh(rate / friction_speed)
     rotor_inertia_sigma_kg_m2: RotorSigma = 0.0  # of rotor and gear, seen at the link; 0: none
     ripple_periods: tuple[Periods, ...] = ()  # of the gear's ripple in a turn of the joint
@@ -194,6 +197,7 @@ class JointConfig(Section):
         if isinstance(limit, bool) or not isinstance(limit, int | float) or not limit > 0.0:
             return data  # the field's own check refuses it
         wide = {key: share * limit for key, share in OF_MOTOR_CURRENT.items()}
+        wide["friction_load_sigma_ratio"] = LOAD_OF_CURRENT
         return wide | {"torque_scale_sigma_ratio": GAIN_OF_CURRENT} | data
 
     @model_validator(mode="after")

@@ -143,6 +143,7 @@ def _torque(
         keys |= {
             "torque": joints.torque,
             "torque_scale_sigma_ratio": joints.torque_scale_error_ratio,
+            "friction_load_sigma_ratio": 0.0,  # this world's gears have none
             "rotor_inertia_sigma_kg_m2": joints.rotor_inertia_sigma_kg_m2,
             "ripple_sigma_nm": joints.ripple_sigma_nm,
             "ripple_periods": list(joints.ripple_periods),

@@ -4,7 +4,8 @@ It is common practice to record a motion empty and loaded and to identify the di
 errors of the links, friction, scales and zeros cancel. Here that is exact: these errors are states,
 and their estimate from the reference, with all of its covariance, is the prior of the loaded run.
 The two motions need not be alike. Errors that the reference does not show keep their prior. Biases,
-momentum and wrenches differ from run to run, so the reference gives no prior of these.
+momentum and wrenches differ from run to run, so the reference gives no prior of these. Friction
+depends on the gears' temperature: what the reference shows of it is uncertain by its drift.
 """
 
 from collections.abc import Sequence
@@ -13,10 +14,11 @@ from dataclasses import replace
 import numpy as np
 
 from fsw.estimators.batch.settle import settle
+from fsw.estimators.measurement.mrnea import Rows
 from fsw.estimators.measurement.row_functions import Linearisation, row_function
 from fsw.estimators.model.problem import IMPLAUSIBLE, IndexArray, Problem
-from fsw.estimators.model.state_groups import GROUPS
-from fsw.messages import Block
+from fsw.estimators.model.state_groups import GROUPS, group_of
+from fsw.messages import Block, FloatArray
 from fsw.messages.errors import NUMERICAL, EstimatorError, unforeseen
 
 
@@ -63,9 +65,35 @@ def with_reference(
             "the reference does not fit the robot without its unknown bodies: MODEL_MISMATCH"
             + f"; {found.against}" * found.mismatch
             + problem.suspicion(solution.mean)
+            + _remedy(problem, linear(solution.mean))
         )
     k = repeated(problem)
     own = np.ix_(k, k)
     mean, covariance = problem.prior_mean.copy(), problem.prior_covariance.copy()
     mean[k], covariance[own] = solution.mean[k], found.covariance[own]
+    covariance[k, k] += (_drift(problem)[k] * mean[k]) ** 2
     return replace(problem, prior_mean=mean, prior_covariance=covariance)
+
+
+def _drift(problem: Problem) -> FloatArray:
+    """Return the share (p,) of its size by which each state differs between two runs."""
+    groups = [group_of(name) for name in problem.names]
+    return np.array([0.0 if group is None else group.drift for group in groups])
+
+
+def _remedy(problem: Problem, rows: Sequence[Rows]) -> str:
+    """Return which torque fits worst, by how much, and what to declare; empty: no torque is off."""
+    n = problem.model.n
+    whole = [(one.b, one.root) for one in rows if one.root is not None and one.torques >= n > 0]
+    if not whole:
+        return ""
+    white = np.concatenate([b.reshape(problem.nodes, -1)[:, :n] for b, _ in whole])
+    left = [(root @ b).reshape(problem.nodes, -1)[:, :n] for b, root in whole]
+    k = int(np.argmax(np.mean(white**2, axis=0)))
+    rms_nm = float(np.sqrt(np.mean(np.concatenate(left)[:, k] ** 2)))
+    name = problem.model.joint_names[k]
+    return (
+        f"; the torque of {name} fits worst: residuals of {rms_nm:.2g} N m, "
+        f"{np.sqrt(np.mean(white[:, k] ** 2)):.2g} times the declared noise; if the arm is empty, "
+        f"declare torque_model_sigma_nm: {rms_nm:.2g} there, or its friction"
+    )

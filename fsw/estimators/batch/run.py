@@ -46,6 +46,8 @@ from fsw.messages.errors import NUMERICAL, ConfigError, EstimatorError, unforese
 
 # problem, mean (p,), covariance (p, p), fused rows of the blocks used at the mean
 Keep = Callable[[Problem, FloatArray, FloatArray, Sequence[Rows]], None]
+# the same but the rows; returns what contradicts the estimate, empty: nothing
+Predict = Callable[[Problem, FloatArray, FloatArray], str]
 CURVED = ("cm", "ce")  # methods whose likelihood is curved along the bodies' common scale
 NEED_EVERY_TORQUE = ("mrnea", "ce")
 WARM = ("rda", "ce")  # methods that need a good start: they begin at the linear method's result
@@ -84,12 +86,14 @@ def run_batch(
     progress: Progress | None = None,
     keep: Keep | None = None,
     reference: Sequence[Block] = (),
+    predict: Predict | None = None,
 ) -> dict[str, Any]:
     """Identify `unknown` from stored blocks; return plain values for worker, shell and adoption.
 
     `reference` are blocks of the same robot without its unknown bodies, except the base; they show
     arm and calibration. `keep` is called with the problem, mean and covariance of the whole state,
     published or not, and the rows of all sensors at the mean; no rows if nothing can be predicted.
+    `predict` judges the estimate by data that it was not made from.
 
     Raises
     ------
@@ -98,7 +102,7 @@ def run_batch(
     """
     try:
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            return _run(config, blocks, method, unknown, progress, keep, reference)
+            return _run(config, blocks, method, unknown, progress, keep, reference, predict)
     except (ConfigError, EstimatorError):
         raise
     except NUMERICAL as error:
@@ -114,6 +118,7 @@ def _run(
     progress: Progress | None,
     keep: Keep | None,
     reference: Sequence[Block],
+    predict: Predict | None,
 ) -> dict[str, Any]:
     sound = sound_blocks(blocks)
     if not sound:
@@ -167,6 +172,7 @@ def _run(
         fused = []
     if keep is not None:
         keep(problem, found.mean, covariance, fused)
+    unpredicted = "" if predict is None else predict(problem, found.mean, covariance)
     made = {name: body_estimate(problem, name, found.mean, covariance) for name in problem.unknown}
     bodies = {name: body for name, (body, _) in made.items()}
     condition = found.solution.information.scaled_condition_number()
@@ -174,6 +180,7 @@ def _run(
         replace(
             found.failed,
             few_blocks=len(sound if found.failed.misfit else found.used) < settings.settle_blocks,
+            mismatch=found.failed.mismatch or bool(unpredicted),
             displaced=is_displaced([distance for _, distance in made.values()]),
             not_excited=found.failed.not_excited or condition > settings.condition_limit,
         )
@@ -185,7 +192,7 @@ def _run(
         "status": next(iter(against), "OK"),
         "reasons": list(against),
         "biased": found.biased,
-        "note": found.note,
+        "note": "; ".join(filter(None, (unpredicted, found.note))),
         "iterations": found.solution.iterations,
         "cost": found.solution.cost,
         "rows": found.solution.rows,

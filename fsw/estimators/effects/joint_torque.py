@@ -1,9 +1,10 @@
 """Torques that a joint's sensor measures besides that of the rigid bodies.
 
-    measured = (tau + sum_k x_k phi_k(q, qd, qdd)) (1 + scale) + offset        x_k: states
+    measured = (tau + sum_k x_k phi_k(q, qd, qdd, tau)) (1 + scale) + offset        x_k: states
 
-Each state x_k belongs to one joint, and phi_k depends on the motion of that joint alone. A
-`TorqueEffect` declares a group of such states and their phi.
+Each state x_k belongs to one joint, and phi_k depends on the motion of that joint alone, or on the
+torque tau of the rigid bodies that the joint transmits. A `TorqueEffect` declares a group of such
+states and their phi.
 """
 
 from collections.abc import Callable, Sequence
@@ -18,21 +19,26 @@ from fsw.messages import FloatArray
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointMotion:
-    """Angles, rates and accelerations at the nodes of B blocks, each (B, m, n)."""
+    """Angles, rates and accelerations at the nodes of B blocks, each (B, m, n).
+
+    `load_nm` is the torque of the rigid bodies; None where no effect depends on it.
+    """
 
     q_rad: FloatArray
     qd_rad_s: FloatArray
     qdd_rad_s2: FloatArray
+    load_nm: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Basis:
-    """phi of k states at the nodes (B, m, k), and its derivatives by the same node's motion."""
+    """phi of k states at the nodes (B, m, k), and its derivatives by the same node's values."""
 
     value: FloatArray
     by_angle: FloatArray | float = 0.0
     by_rate: FloatArray | float = 0.0
     by_acceleration: FloatArray | float = 0.0
+    by_load: FloatArray | float = 0.0
 
 
 Shape = Callable[[JointMotion], Basis]
@@ -44,6 +50,7 @@ class TorqueEffect:
 
     group: StateGroup
     shape: Callable[[Setting], Shape]
+    is_of_load: bool = False  # whether phi is proportional to the load
     joints: Callable[[Setting], Sequence[int]] = lambda setting: range(len(setting.joints))
 
 
@@ -54,16 +61,18 @@ class TorqueTerm:
     states: slice
     joints: NDArray[np.intp]  # (k,)
     shape: Shape
+    is_of_load: bool
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Added:
-    """Sum of all effects at the nodes (N, n) [N m], and its derivatives by the joint's motion."""
+    """Sum of all effects at the nodes (N, n) [N m]; derivatives by the joint's motion and load."""
 
     torque_nm: FloatArray
     by_angle: FloatArray
     by_rate: FloatArray
     by_acceleration: FloatArray
+    by_load: FloatArray
 
 
 def terms_of(
@@ -75,6 +84,7 @@ def terms_of(
             states=places[effect.group.name],
             joints=np.array(effect.joints(setting), np.intp),
             shape=effect.shape(setting),
+            is_of_load=effect.is_of_load,
         )
         for effect in effects
         if effect.group.name in places
@@ -87,10 +97,11 @@ def added(terms: Sequence[TorqueTerm], motion: JointMotion, x: FloatArray) -> Ad
     The derivatives serve for the noise of the motion; the neighbouring nodes' share is left out.
     """
     blocks, nodes, n = motion.q_rad.shape
-    sums = np.zeros((4, blocks * nodes, n))
+    sums = np.zeros((5, blocks * nodes, n))
     for term in terms:
         basis, own = term.shape(motion), x[term.states]
-        parts = (basis.value, basis.by_angle, basis.by_rate, basis.by_acceleration)
+        by_motion = (basis.by_angle, basis.by_rate, basis.by_acceleration)
+        parts = (basis.value, *by_motion, basis.by_load)
         for total, part in zip(sums, parts, strict=True):
             if np.any(part):
                 np.add.at(total.T, term.joints, (own * part).reshape(len(total), -1).T)

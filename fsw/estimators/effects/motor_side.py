@@ -12,9 +12,15 @@ from functools import partial
 
 import numpy as np
 
-from fsw.config import Config
+from fsw.estimators.effects.friction import DRIFT
 from fsw.estimators.effects.joint_torque import Basis, JointMotion, Shape, TorqueEffect
-from fsw.estimators.model.state_group import Setting, Spread, StateGroup, per_joint
+from fsw.estimators.model.state_group import (
+    Setting,
+    Spread,
+    StateGroup,
+    is_of_current,
+    per_joint,
+)
 from fsw.messages import FloatArray, IntArray
 
 
@@ -51,10 +57,6 @@ def _rippled(setting: Setting) -> Sequence[int]:
     return [k for k, _ in _waves(setting) for _ in range(2)]
 
 
-def _is_of_current(config: Config) -> bool:
-    return any(joint.torque == "motor_current" for joint in config.joints)
-
-
 ROTOR = TorqueEffect(
     group=StateGroup(
         name="rotor_inertia",
@@ -62,7 +64,7 @@ ROTOR = TorqueEffect(
         unit="kg m^2",
         key="joints[].rotor_inertia_sigma_kg_m2",
         prior=per_joint("rotor_inertia_sigma_kg_m2"),
-        is_possible=_is_of_current,
+        is_possible=is_of_current,
         is_repeated=True,
         is_free=True,
     ),
@@ -75,9 +77,10 @@ RIPPLE = TorqueEffect(
         unit="N m",
         key="joints[].ripple_sigma_nm",
         prior=_amplitudes,
-        is_possible=_is_of_current,
+        is_possible=is_of_current,
         is_hidden=True,
         is_repeated=True,
+        drift=DRIFT,
         is_free=True,
     ),
     shape=_ripple,

@@ -16,6 +16,8 @@ A base that is held in part (`base.motion`) moves along its free motions S alone
 S (S^T H_bb S)^-1 S^T, and the base has the support's acceleration, minus gravity, in addition.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.linalg.lapack import dpotrs
 
@@ -76,9 +78,12 @@ def predict(
     ):
         f, w = _as_read((f, w), D, every, x, problem, rate)
     if problem.torque_terms:
-        motion, each = s.joint_motion, np.arange(n)
-        more = added(problem.torque_terms, motion, x)
+        # a copy: tau becomes the reading
+        motion = replace(s.joint_motion, load_nm=s.by_block(tau[:, :n].copy()))
+        more, each = added(problem.torque_terms, motion, x), np.arange(n)
         tau[:, :n] += more.torque_nm
+        for gains in every if np.any(more.by_load) else ():
+            gains[:, :n] *= 1.0 + more.by_load[:, :, None]
         D[:, each, each] += more.by_acceleration
         D[:, each, n + 3 + each] += more.by_rate
         if D_q is not None:

@@ -251,6 +251,7 @@ def build_problem(
         walks=walks if "joint_walk" in places else None,
         thrusters=Thrusters.of(config),
         torque_terms=terms_of(TORQUE_EFFECTS, setting, places),
+        of_current=np.array([joint.torque == "motor_current" for joint in joints], np.bool_),
         target_com_m=np.array(
             config.bodies["target"].com_m if "target" in config.bodies else np.zeros(3)
         ),

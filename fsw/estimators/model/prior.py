@@ -6,19 +6,27 @@ Gaussian in the state, and its linearisation at the prior's mean holds only near
 only thrusters give a scale, the data leave one direction to the prior: a common factor on mass and
 inertia. A linearisation at a mean 40 % off then acts as if that factor were known. So the prior is
 linearised at the estimate, as the rows of the data are.
+
+Where torques of a held arm come from currents, a common factor on all masses and the inverse factor
+on all gains leave every prediction as it is. Errors of links and friction cost less at small
+masses than at large ones. Were they Gaussian for themselves, their sum would therefore draw all
+masses, the payload's too, towards zero. So they are Gaussian in the reading's scale, where the
+factor does not change them: their product with the gain 1 + s.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fsw.estimators.model.inertia import from_parameters, report_jacobian
 from fsw.estimators.square_root import SquareRootInformation
 from fsw.messages import FloatArray
 
+IndexArray = NDArray[np.intp]
 FAR = 4.0  # largest factor between a mass and the prior's at which the prior is re-linearised
 
 
@@ -26,14 +34,17 @@ FAR = 4.0  # largest factor between a mass and the prior's at which the prior is
 class Prior:
     """A Gaussian of y(x), scaled so that y(mean) = mean and dy/dx = 1 at the mean.
 
-    For a body, y is an affine function of its mass, centre of mass and central inertia. For all
-    other states y = x; also for a body whose mass is off by more than a factor FAR, because its
+    For a body, y is an affine function of its mass, centre of mass and central inertia. For a state
+    in the reading's scale, y is affine in its product with the gain. For all other states y = x;
+    also for a body whose mass is off by more than a factor FAR, because its
     centre of mass is not defined near zero mass, and such a step is too long to be an estimate.
     """
 
     mean: FloatArray  # (p,)
     covariance: FloatArray  # (p, p) of the state at the mean
     bodies: tuple[slice, ...]  # the ten states of each unknown body
+    read: IndexArray = field(default_factory=lambda: np.empty(0, np.intp))  # in its scale
+    gains: FloatArray = field(default_factory=lambda: np.empty((0, 0)))  # (k, p) of torque scales
 
     def at(self, x: FloatArray) -> SquareRootInformation:
         """Return the information of the prior, linearised at a state x (p,).
@@ -61,6 +72,14 @@ class Prior:
     def _moved(self, x: FloatArray) -> tuple[FloatArray, FloatArray | None]:
         """Return y(x) (p,) and its Jacobian (p, p); None for the Jacobian: the identity."""
         y, Y = x, None
+        if len(self.read) and not np.array_equal(x, self.mean):
+            own, off = self.read, (x - self.mean)[self.read]
+            at_mean = 1.0 + self.gains @ self.mean
+            gain = (1.0 + self.gains @ x) / at_mean
+            y, Y = x.copy(), np.eye(len(x))
+            y[own] = self.mean[own] + off * gain
+            Y[own] = (off / at_mean)[:, None] * self.gains
+            Y[own, own] = gain
         for k in self.bodies:
             mean = self.mean[k]
             if np.array_equal(x[k], mean) or not _near(x[k][0], mean[0]):

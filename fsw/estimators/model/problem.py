@@ -105,6 +105,7 @@ class Problem:
     wheel_axes: FloatArray  # (3, k) of the reaction wheels, in B
     thrusters: Thrusters
     torque_terms: tuple[TorqueTerm, ...]  # torques besides that of the rigid bodies
+    of_current: NDArray[np.bool_]  # (n,) whether a joint's torque is that of its motor's current
     target_com_m: FloatArray  # (3,) in E: where the target's wrench acts on a known target
     p_BS_m: FloatArray  # (3,) place of the accelerometer, as configured
     R_BS: FloatArray  # (3, 3) the unit's axes to base axes, as configured
@@ -181,7 +182,29 @@ class Problem:
 
     def prior_of(self, mean: FloatArray, covariance: FloatArray) -> Prior:
         """Return a prior of another mean (p,) and covariance (p, p)."""
-        return Prior(mean, covariance, tuple(self.body(name) for name in self.unknown))
+        bodies = tuple(self.body(name) for name in self.unknown)
+        return Prior(mean, covariance, bodies, *self._read)
+
+    @property
+    def _read(self) -> tuple[IndexArray, FloatArray]:
+        """Return the states whose prior is in the reading's scale (k,), and their gains (k, p).
+
+        Those of a held arm that measures motor current, whose gains are in doubt. The torque of a
+        link's error is read by several joints: it has the mean of their scales.
+        """
+        scales, of_current = self.at("torque_scale"), self.of_current
+        count = scales.stop - scales.start
+        if self.freedom.shape[1] or count == 0 or not of_current.any():
+            return np.empty(0, np.intp), np.empty((0, len(self.names)))
+        places = [k for k, name in enumerate(self.names) if name.startswith("known.link.")]
+        weights = [of_current / of_current.sum()] * len(places)
+        for term in self.torque_terms:
+            if not term.is_of_load:
+                places += range(term.states.start, term.states.stop)
+                weights += list(np.diag(of_current.astype(float))[term.joints])
+        gains = np.zeros((len(places), len(self.names)))
+        gains[:, scales] = np.reshape(weights, (-1, count))
+        return np.array(places, np.intp), gains
 
     @property
     def known(self) -> slice:

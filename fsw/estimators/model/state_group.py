@@ -46,6 +46,7 @@ class StateGroup:
     is_hidden : whether an estimate leaves the states out, as it does calibration
     is_judged : whether a value far from its prior makes the estimate implausible
     is_repeated : whether two runs of one robot have the states in common
+    drift : share of its own size by which a state differs between two runs of one robot
     is_free : whether the prior may be widened as far as the data require
     shared : share of the variance that is common to all states of the group
     mistake : the key whose value is wrong where the data contradict the prior; empty: none
@@ -62,6 +63,7 @@ class StateGroup:
     is_hidden: bool = False
     is_judged: bool = False
     is_repeated: bool = False
+    drift: float = 0.0
     is_free: bool = False
     shared: float = 0.0
     mistake: str = ""
@@ -92,6 +94,11 @@ class StateGroup:
         section = self.key.partition(".")[0].removesuffix("[]")
         has = config.imu.present if section == "imu" else bool(getattr(config, section))
         return has and self.is_possible(config)
+
+
+def is_of_current(config: Config) -> bool:
+    """Return whether the torque of a joint is that of its motor's current."""
+    return any(joint.torque == "motor_current" for joint in config.joints)
 
 
 def per_joint(key: str) -> Callable[[Setting], Spread]:

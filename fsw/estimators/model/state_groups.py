@@ -289,6 +289,7 @@ GROUPS = (
     ),
     motor_side.ROTOR.group,
     motor_side.RIPPLE.group,
+    friction.LOAD.group,
     wrench_sensor.OFFSET,
     wrench_sensor.SCALE,
 )

@@ -67,6 +67,7 @@ class Arm:
     joints: Sequence[str]
     runs: Sequence[Run]
     configuration: Callable[[], str] | None = None  # None: `fsw init` writes it
+    sensor: str = "arm_sensor"  # flag --torque
     torque: Mapping[str, Any] = field(default_factory=dict)  # keys of the mapping: scale, sign
     overlay: Mapping[str, Any] = field(default_factory=dict)  # what its owner adds: "best"
     residual_bound_nm: float = float("nan")  # of held-out torques, where another work states one
@@ -75,7 +76,7 @@ class Arm:
 def motor_current(limits_nm: Mapping[str, float], angle_noise_rad: float) -> list[JointKeys]:
     """Return the overlay of joints whose torque is a motor's current, by their largest torques.
 
-    Friction, rotor inertia and gain have the wide priors of `torque: motor_current`.
+    Friction and rotor inertia have the wide priors of `torque: motor_current`.
     """
     return [
         {
@@ -83,6 +84,8 @@ def motor_current(limits_nm: Mapping[str, float], angle_noise_rad: float) -> lis
             "torque": "motor_current",
             "torque_noise_nm": 0.004 * limit,
             "torque_offset_sigma_nm": 0.02 * limit,
+            "torque_scale_sigma_ratio": 0.2,
+            "torque_model_sigma_nm": 0.01 * limit,
             "position_noise_rad": angle_noise_rad,
             "friction_speed_rad_s": 0.03,
         }

@@ -36,14 +36,16 @@ def prepare(arm: Arm, read: Read, folder: Path) -> Path:
     if arm.configuration is not None:
         config.write_text(arm.configuration(), encoding="utf-8")
         return config
+    # `fsw init` sees the first recording that choices may use
+    shown = next(run for run in arm.runs if not run.held_out)
+    (folder / "init").mkdir(exist_ok=True)
+    shown.motion(read).write(folder / "init" / TABLE, arm.joints)
     _checked(
         *("init", str(urdf), "--out", str(config), "--force", "--tool", arm.tool),
         *("--unknown", "target", "--base", "clamped", "--imu", "none", "--tracker", "none"),
         *("--target-mass-kg", f"{arm.guess_kg:g}", "--rate-hz", f"{arm.rate_hz:g}"),
+        *("--torque", arm.sensor, "--recording", str(folder / "init" / TABLE)),
     )
-    # recordings of an arm that has no CAN nodes: docs/import.md
-    text = config.read_text(encoding="utf-8")
-    config.write_text(text.replace("interface: socketcan", "interface: samples"), encoding="utf-8")
     return config
 
 

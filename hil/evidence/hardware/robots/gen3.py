@@ -118,7 +118,8 @@ def _arm(kind: str, overlay: list[JointKeys], runs: list[Run]) -> Arm:
         guess_kg=1.0,
         rate_hz=1000.0,
         joints=JOINTS,
-        overlay={"joints": overlay},
+        sensor="motor_current" if kind == "current" else "arm_sensor",
+        overlay={"robot": {"links_sigma_ratio": 0.2}, "joints": overlay},
         runs=runs,
     )
 

@@ -77,8 +77,12 @@ ARMS = (
         guess_kg=2.0,
         rate_hz=100.0,
         joints=JOINTS,
+        sensor="motor_current",
         torque={"scale": GAINS_NM_A},
-        overlay={"joints": motor_current(LIMITS_NM, ANGLE_NOISE_RAD)},
+        overlay={
+            "robot": {"links_sigma_ratio": 0.2},
+            "joints": motor_current(LIMITS_NM, ANGLE_NOISE_RAD),
+        },
         runs=[  # payloads: m_load in the scripts of the repository's history
             _run("19_12_23_free"),
             _run("20_01_13-load_2600", 2.602, "19_12_23_free"),

@@ -42,6 +42,9 @@ def test_a_wrong_zero_of_a_joint_fails_by_name(flown, tmp_path, capsys):
     assert not holdout["passed"]
     failed = [name for name, channel in holdout["channels"].items() if not channel["passed"]]
     assert failed
+    assert "MODEL_MISMATCH" in result["reasons"]
+    assert result["note"].startswith("held-out windows are not predicted: ")
+    assert result["diagnosis"]["parameters"]["target"]["mass_kg"] == "not valid"
 
 
 def test_what_no_motion_shows_is_known_by_the_prior_alone(flown, tmp_path, capsys):

@@ -109,3 +109,41 @@ def test_a_factor_that_only_the_prior_knows_is_as_uncertain_as_stated() -> None:
         errors.append((solution.mean[0] - truth[0]) / sigma_kg)
     assert abs(np.mean(errors)) < 0.2 + 4.0 / np.sqrt(DRAWS)
     assert 0.85 < np.sqrt(np.mean(np.square(errors))) < 1.15
+
+
+def read_prior() -> Prior:
+    """Return a prior of two links' errors that share a gain, and of a friction with its own."""
+    gains = np.zeros((3, 5))
+    gains[:2, 3:], gains[2, 4] = 0.5, 1.0
+    root = np.random.default_rng(4).normal(size=(5, 5))
+    mean = np.array([0.1, 0.0, 0.3, 0.05, -0.02])
+    return Prior(mean, root @ root.T, (), np.arange(3), gains)
+
+
+def test_information_in_the_readings_scale_is_the_gauss_newton_form_of_the_cost() -> None:
+    prior, h = read_prior(), 1e-6
+    x = prior.mean + np.array([0.7, -1.2, 0.4, 0.2, 0.1])
+    known = prior.at(x)
+    slope = [(prior.cost(x + d) - prior.cost(x - d)) / (2 * h) for d in h * np.eye(5)]
+    gradient = 2.0 * known.R.T @ (known.R @ x - known.z)
+    np.testing.assert_allclose(gradient, slope, rtol=1e-6, atol=1e-8)
+    at_mean = prior.at(prior.mean)
+    np.testing.assert_allclose(at_mean.covariance(), prior.covariance, atol=1e-10)
+
+
+def test_a_common_factor_on_masses_and_gains_is_as_probable_at_either_end() -> None:
+    """Readings fix the products of gain and errors alone; only the gains' own prior tells."""
+    p = 12
+    gains = np.zeros((p - 1, p))
+    gains[:, -1] = 1.0
+    prior = Prior(np.zeros(p), np.diag([1.0] * (p - 1) + [0.2**2]), (), np.arange(p - 1), gains)
+    plain = Prior(prior.mean, prior.covariance, ())
+    products = np.random.default_rng(6).normal(size=p - 1)
+
+    def at(gain: float) -> FloatArray:
+        return np.append(products / (1.0 + gain), gain)
+
+    assert prior.cost(at(0.2)) - prior.cost(at(0.0)) == pytest.approx(1.0, rel=1e-9)
+    assert prior.cost(at(-0.2)) - prior.cost(at(0.0)) == pytest.approx(1.0, rel=1e-9)
+    # errors that are Gaussian for themselves prefer light links by far
+    assert plain.cost(at(0.2)) < plain.cost(at(0.0)) < plain.cost(at(-0.2)) - 3.0
