@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from file_delivery.slots import SlotFile
-from fsw.messages.errors import ConfigError
+from fsw.messages.errors import WRONG_CONTENT, ConfigError
 
 NUMBERS_NAME = "uplink_numbers"  # in the state directory
 EARLIER_SUFFIX = ".json"  # of the file in which earlier versions stored the numbers
@@ -102,7 +102,7 @@ def _read(file: SlotFile) -> dict[str, _Key]:
             )
             for name, key in file.read()["keys"].items()
         }
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+    except (OSError, *WRONG_CONTENT) as error:
         raise ConfigError(
             f"{file.path}: numbers of the authenticated uplink cannot be read: {error}; "
             "give new keys and remove the file"

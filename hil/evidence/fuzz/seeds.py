@@ -1,5 +1,6 @@
 """First inputs of the targets: correct inputs, so that coverage begins after the check values."""
 
+import json
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -14,6 +15,8 @@ from fsw.exchange.sinks import CanTraffic, SerialTraffic
 from fsw.messages import Snapshot
 from fsw.messages.commands import CommandName
 from fsw.telemetry.dictionary import DICTIONARY
+from fsw.telemetry.state.epoch import Epoch
+from fsw.telemetry.state.packet_store import PacketStore
 from hil.devices import sagitta as sagitta_device
 from hil.evidence.fuzz.delivery_target import ANY, DATA, END, METADATA
 from hil.evidence.fuzz.hostile import PATHS, ROBOT_EDITS, TEXTS
@@ -47,6 +50,7 @@ def seeds(name: str) -> list[bytes]:
         ],
         "checkpoint": _checkpoints,
         "recording": _recordings,
+        "state": _states,
         "tc_packet": _telecommands,
         "tc_frame": lambda: [segment(SEALED | ENDS_CHUNK, b"\0" + bytes(20)) * 3],
         "file_unit": _deliveries,
@@ -110,6 +114,18 @@ def _checkpoints() -> list[bytes]:
     whole = encode(Checkpoint(identity=Identity(1, 2), sequence=3, boot_id="b", snapshot=snapshot))
     bare: bytes = msgpack.packb({"boot_id": "", "t_ns": 1, "grid_ns": None, "state": {}})
     return [whole, b"+" + whole[34:-4], b"+" + bare]
+
+
+def _states() -> list[bytes]:
+    boot = {"count": 3, "cause": 0, "running": True, "next_cause": 0}
+    numbers = {"keys": {"f": {"floor": 17, "retired": False}}}
+    documents = (boot, {"gate_probability": 1e-6}, numbers, [1], {"t_ns": 1, "code": "STARTED"})
+    epoch = Epoch(clock_id="b", utc_less_met_ns=5)
+    with tempfile.TemporaryDirectory() as folder:
+        store = PacketStore(Path(folder), 1 << 20, lambda: epoch)
+        store.append(bytes(5) + b"\x10" + bytes(7) + b"\x2f" + bytes(9))  # a header with a time
+        segments = [path.read_bytes() for path in Path(folder).iterdir()]
+    return [*(json.dumps(document).encode() for document in documents), *segments]
 
 
 def _recordings() -> list[bytes]:

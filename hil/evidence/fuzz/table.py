@@ -7,7 +7,7 @@ from importlib import import_module
 from hil.evidence.fuzz.oracle import Target
 
 SLOW = frozenset(
-    {"stim300", "mip", "sagitta", "config", "recording", "tc_frame", "file_unit", "operations"}
+    {"stim300", "mip", "sagitta", "config", "recording", "tc_frame", "file_unit", "operations", "state"}
 )  # these targets get fewer inputs
 TARGETS: dict[str, tuple[str, str]] = {
     "canopen": ("hil.evidence.fuzz.frame_targets", "canopen_target"),
@@ -19,6 +19,7 @@ TARGETS: dict[str, tuple[str, str]] = {
     "config": ("hil.evidence.fuzz.text_targets", "config_target"),
     "checkpoint": ("hil.evidence.fuzz.file_targets", "checkpoint_target"),
     "recording": ("hil.evidence.fuzz.file_targets", "recording_target"),
+    "state": ("hil.evidence.fuzz.state_target", "state_target"),
     "tc_packet": ("hil.evidence.fuzz.telemetry_targets", "packet_target"),
     "tc_frame": ("hil.evidence.fuzz.telemetry_targets", "frame_target"),
     "file_unit": ("hil.evidence.fuzz.delivery_target", "delivery_target"),
