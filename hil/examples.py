@@ -12,6 +12,7 @@ EXAMPLES = {
     "transfers": "hil transfers --count 20 --out runs/transfers",
     "alarms": "hil alarms --scenario target_leo --samples 100 --bytes 10 --out runs/alarms",
     "mistakes": "hil mistakes --case target --only 'prior wrong and tight'",
+    "imported": "hil imported --motion poses --first 100 --count 10",
     "rough": "hil rough --case target --count 50 --out runs/rough",
     "differential": "hil differential --count 3",
     "soak": "hil soak --hours 2 --rate 50 --imu-rate 125 --out runs/soak",
