@@ -7,7 +7,17 @@ from importlib import import_module
 from hil.evidence.fuzz.oracle import Target
 
 SLOW = frozenset(
-    {"stim300", "mip", "sagitta", "config", "recording", "tc_frame", "file_unit", "operations", "state"}
+    {
+        "stim300",
+        "mip",
+        "sagitta",
+        "config",
+        "recording",
+        "tc_frame",
+        "file_unit",
+        "operations",
+        "state",
+    }
 )  # these targets get fewer inputs
 TARGETS: dict[str, tuple[str, str]] = {
     "canopen": ("hil.evidence.fuzz.frame_targets", "canopen_target"),
