@@ -119,7 +119,7 @@ def test_a_zero_far_off_is_named_and_never_valid() -> None:
     blocks = [replace(b, q_rad=b.q_rad + shift) for b in noisy_blocks("target", 2, 24.0)]
     found = run_batch(make_config(doubt=True), blocks, "fused", ())
     assert found["status"] == "MODEL_MISMATCH"
-    assert "joint_zero.joint4 is 4" in found["note"]
+    assert "joint zeros (joint4): estimated 4" in found["note"]
     right = run_batch(make_config(doubt=True), noisy_blocks("target", 2, 24.0), "fused", ())
     assert right["status"] == "OK"
     assert not right["note"]
