@@ -98,8 +98,8 @@ class JointTrack:
 
     @property
     def newest(self) -> int:
-        """Newest SYNC with an accepted sample."""
-        return self._newest
+        """Newest SYNC with an accepted sample; -1: none yet."""
+        return self._newest if self.first_sync >= 0 else -1
 
     @property
     def state(self) -> tuple[bool, int, int, float, float]:
@@ -143,7 +143,7 @@ class JointTrack:
         positions_rad: Sequence[float],
         torques_nm: Sequence[float],
         in_time: Sequence[bool],
-        is_doubled: Callable[[int], bool] = lambda _: False,
+        is_doubled: Callable[[int], bool],
     ) -> list[Refused]:
         """Judge calibrated values in order: return which are refused and accept the others.
 

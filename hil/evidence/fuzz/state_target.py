@@ -1,5 +1,6 @@
 """Target of the state directory: files with a right check value and any content."""
 
+import atexit
 import json
 import shutil
 import tempfile
@@ -20,6 +21,7 @@ from hil.evidence.fuzz.oracle import Target, require
 def state_target() -> Target:
     """Return the target; an input is the content of every kind of file of the state directory."""
     folder = Path(tempfile.mkdtemp(prefix="fuzz_state_"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
 
     def one(data: bytes) -> None:
         shutil.rmtree(folder, ignore_errors=True)

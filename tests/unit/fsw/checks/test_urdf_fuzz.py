@@ -65,7 +65,7 @@ def damaged(text: str, wounds: list) -> str:
     return text
 
 
-@settings(max_examples=25)
+@settings(max_examples=60)
 @given(st.lists(damage, min_size=1, max_size=3), st.sampled_from(["target", "base"]))
 def test_a_damaged_robot_is_accepted_or_refused_in_words(wounds, unknown):
     with TemporaryDirectory() as folder:
