@@ -4,7 +4,8 @@ Noise is judged by high-order divided differences of neighbouring samples. They 
 (it is smooth over a few samples) and no model, so that a window's polynomial that does not follow
 the motion is not mistaken for a noisy sensor. Such a polynomial shows in another way: its residual
 is larger than the noise, and it shrinks many times over if the window is halved. The residual of
-coloured noise, which differences underestimate, hardly shrinks.
+coloured noise, which differences underestimate, hardly shrinks. A torque's noise is that of the
+sensor and what no model explains; where it is coloured, the estimate finds and counts it.
 Source of the differences: Gasser, Sroka, Jennen-Steinmetz, Biometrika 73 (1986) 625.
 """
 
@@ -43,6 +44,7 @@ class Noise:
     """Noise of one channel, and the residual of polynomials of a window's length."""
 
     sigma: float  # 1 sigma of a sample; 0: the readings do not change, or there are too few
+    coloured: bool = False  # whether differences show far less of it than polynomials
     misfit: float = 0.0  # 1 sigma of the residual that is no noise; 0: polynomials follow
     pieces: Sequence[Piece] = ()  # windows that were judged
 
@@ -56,27 +58,38 @@ def noise_findings(config: Config, windows: Sequence[Window]) -> list[Comparison
     judged = [windows[k] for k in places]
     degree = config.estimator.nodes - 1 + EXTRA_DEGREE
     found, misfits = [], dict[str, tuple[Noise, float]]()
-    for key, declared, scale, columns in _channels(config, judged):
-        each = [_noise_of(channels, column, degree) for channels, column in columns]
+    for channel in _channels(config, judged):
+        each = [_noise_of(windows, column, degree) for windows, column in channel.columns]
         middle = sorted(each, key=lambda noise: noise.sigma)[len(each) // 2]
         chance = _chance([piece for noise in each for piece in noise.pieces])
-        found.append(_noise_finding(key, declared, middle.sigma * scale, 1.0 + chance))
-        least = max(middle.sigma, declared / scale)
+        found.append(_noise_finding(channel, middle, 1.0 + chance))
+        least = max(middle.sigma, channel.sigma / channel.scale)
         if middle.misfit > MISFIT * least:
-            misfits[key] = middle, least
+            misfits[channel.key] = middle, least
     if misfits:
         found.append(_too_long(config, degree, misfits))
     return found
 
 
-_Columns = list[tuple[list[ChannelWindow], int]]  # windows of a channel, and its column
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Channel:
+    """A declared noise, and the readings that show it."""
+
+    key: str
+    declared: float
+    columns: list[tuple[list[ChannelWindow], int]]  # windows of a channel, and its column
+    scale: float = 1.0  # the key's unit over a sample's sigma
+    model: tuple[str, float] | None = None  # key and 1 sigma of what no model explains
+
+    @property
+    def sigma(self) -> float:
+        """Return 1 sigma of a sample about the model, as declared, in the key's unit."""
+        return float(np.hypot(self.declared, self.model[1] if self.model else 0.0))
 
 
-def _channels(
-    config: Config, windows: Sequence[Window]
-) -> list[tuple[str, float, float, _Columns]]:
-    """Return key, declared value, key's unit over a sample's sigma, and columns, by key."""
-    found: list[tuple[str, float, float, _Columns]] = []
+def _channels(config: Config, windows: Sequence[Window]) -> list[_Channel]:
+    """Return the channels whose noise a configuration declares."""
+    found: list[_Channel] = []
     for k, joint in enumerate(config.joints):
         own = [window.joints[k] for window in windows]
         keys = {"position_noise_rad": (joint.position_noise_rad, 0)}
@@ -84,13 +97,21 @@ def _channels(
             keys = {"speed_noise_rad_s": (joint.speed_noise_rad_s, 0)}
         if joint.torque != "none":
             keys = {"torque_noise_nm": (joint.torque_noise_nm, 1)} | keys
+        (model,) = joint.named({"torque_model_sigma_nm": joint.torque_model_sigma_nm}).items()
         for key, (declared, column) in joint.named(keys).items():
-            found.append((f"joints.{k}.{key}", declared, 1.0, [(own, column)]))
+            channel = _Channel(
+                key=f"joints.{k}.{key}",
+                declared=declared,
+                columns=[(own, column)],
+                model=(f"joints.{k}.{model[0]}", model[1]) if column == 1 else None,
+            )
+            found.append(channel)
     for k, sensor in enumerate(config.wrench_sensors):
         own = [window.wrenches[k] for window in windows]
         for key, first in (("force_noise_n", 0), ("torque_noise_nm", 3)):
-            axes = [(own, first + axis) for axis in range(3)]
-            found.append((f"wrench_sensors.{k}.{key}", float(getattr(sensor, key)), 1.0, axes))
+            axes, declared = [(own, first + axis) for axis in range(3)], float(getattr(sensor, key))
+            place = f"wrench_sensors.{k}.{key}"
+            found.append(_Channel(key=place, declared=declared, columns=axes))
     if not config.imu.present:
         return found
     for key, channels in (
@@ -98,8 +119,8 @@ def _channels(
         ("velocity_random_walk_m_s_sqrt_s", [window.accelerometer for window in windows]),
     ):
         axes = [(channels, axis) for axis in range(3)]
-        root = config.imu.rate_hz**-0.5
-        found.append((f"imu.{key}", float(getattr(config.imu, key)), root, axes))
+        root, declared = config.imu.rate_hz**-0.5, float(getattr(config.imu, key))
+        found.append(_Channel(key=f"imu.{key}", declared=declared, columns=axes, scale=root))
     return found
 
 
@@ -122,7 +143,7 @@ def _noise_of(channels: Sequence[ChannelWindow], column: int, degree: int) -> No
     excess, left = whole**2 - sigma**2, _residual(halves, degree) ** 2 - sigma**2
     if halves and left < SHRINKS * excess:
         return Noise(sigma=sigma, misfit=excess**0.5, pieces=judged)
-    return Noise(sigma=whole, pieces=judged)
+    return Noise(sigma=whole, coloured=True, pieces=judged)
 
 
 def _finite(channel: ChannelWindow, column: int) -> Piece:
@@ -186,12 +207,15 @@ def residual_sigma(t_ns: IntArray, x: FloatArray, degree: int) -> float:
     return float(np.sqrt(squares[0] / (len(t) - rank))) if squares.size else 0.0
 
 
-def _noise_finding(key: str, declared: float, found: float, chance: float) -> Comparison:
+def _noise_finding(channel: _Channel, noise: Noise, chance: float) -> Comparison:
+    key, declared, found = channel.key, channel.declared, noise.sigma * channel.scale
     words = note = ""
-    noisier = found > NOISIER * chance * declared
+    noisier = found > NOISIER * chance * channel.sigma
+    if noisier and noise.coloured and channel.model is not None:
+        return _outside_the_model(*channel.model, float(np.sqrt(found**2 - declared**2)))
     if noisier:
         words = f"the data are noisier: set {key} to {found:.3g}, or look for disturbances"
-    elif found > NOTED * chance * declared:
+    elif found > NOTED * chance * channel.sigma:
         note = f"a little noisier than declared: set {key} to {found:.3g}"
     elif found == 0.0:
         words = "the readings do not change, or there are too few"
@@ -202,6 +226,12 @@ def _noise_finding(key: str, declared: float, found: float, chance: float) -> Co
     return Comparison(
         key=key, declared=declared, found=found, wrong=words, note=note, adopted=noisier
     )
+
+
+def _outside_the_model(key: str, declared: float, found: float) -> Comparison:
+    """Return the comparison for a torque beyond its declared noise that is correlated in time."""
+    note = "correlated in time, and noisier than declared: sigma counts what is found"
+    return Comparison(key=key, declared=declared, found=found, note=note, adopted=True)
 
 
 def _too_long(

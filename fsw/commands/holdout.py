@@ -105,6 +105,8 @@ def to_text(holdout: Mapping[str, Any]) -> list[str]:
     """Return the values of `judge` as lines of text, the verdict first."""
     verdict = "PASSED" if holdout["passed"] else "FAILED"
     lines = [f"held out: {verdict}, {holdout['windows']} windows predicted"]
+    if not holdout["passed"] and not unpredicted(holdout):
+        lines[0] += "; every channel is, but the data contradict the configuration: see above"
     for name, c in holdout["channels"].items():
         lines.append(
             f"{name}: rms {c['rms']:.3g} {c['unit']}, {c['rms_over_sigma']:.2f} sigma "

@@ -217,7 +217,7 @@ def to_text(result: Mapping[str, Any]) -> str:
     """Return the result of `identify` as a short table."""
     state = in_words(result["reasons"])
     lines = [f"{result['method']}, unknown {', '.join(result['unknown'])}: {state}"]
-    if {"NOT_CONVERGED", "MODEL_MISMATCH"}.intersection(result["reasons"]):
+    if {"NOT_CONVERGED", "MODEL_MISMATCH", "PRIOR_CONFLICT"}.intersection(result["reasons"]):
         lines.append("to find why: fsw check CONFIG RECORDING names the usual mistakes")
     if "INSUFFICIENT_EXCITATION" in result["reasons"]:
         lines.append("the motion does not show every parameter: fsw excite plans one that does")

@@ -7,6 +7,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from fsw.estimators.batch.run import with_noise_found
 from fsw.estimators.measurement.block_stack import BlockStack, stacks_of
 from fsw.estimators.measurement.fused import predict
 from fsw.estimators.measurement.impulse import Impulse
@@ -25,7 +26,7 @@ class ChannelResiduals:
     units: tuple[str, ...]  # (c,)
     t_ns: NDArray[np.int64]  # (N,)
     value: FloatArray  # (N, c), NaN: channel not usable there
-    sigma: FloatArray  # (N, c) 1 sigma of `value`, from noise of sensors, motion and state
+    sigma: FloatArray  # (N, c) 1 sigma of `value`, as an estimate counts it
 
     @property
     def normalised(self) -> FloatArray:
@@ -42,6 +43,9 @@ def channel_residuals(
 ) -> ChannelResiduals:
     """Return the residuals of blocks for the state x (p,).
 
+    Their sigma is what an estimate from these blocks counts: the noise of sensors, declared or
+    found, the declared torques outside of the model, and the noise of motion and state.
+
     Parameters
     ----------
     covariance : (p, p) of x, for blocks from which x was not estimated; None: x counts as exact
@@ -53,7 +57,7 @@ def channel_residuals(
     torques = problem.model.torque_units
     parts: list[tuple[FloatArray, FloatArray]] = []
     before: Impulse | None = None
-    for stack in stacks_of(blocks):
+    for stack in stacks_of(with_noise_found(problem, blocks)[0]):
         value, sigma, before = _stacked(stack, x, problem, covariance, before)
         parts.append((value, sigma))
     sensors = [(f"{name}.{axis}", unit) for (name, unit), axis in product(SENSORS, "xyz")]

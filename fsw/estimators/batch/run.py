@@ -2,10 +2,10 @@
 
 Invalid and repeated blocks are left out first. Blocks whose residuals noise does not explain are
 left out next, and the rest is solved again; sigmas follow the residuals where these are clearly
-above the declared noise. A group of the prior that the data contradict is widened. If it is a
-sensor, a known body or a mounting, if the residuals are larger still, or if they drift, the model
-does not fit. Every reason against the result is kept. The paper's regressions are compared with the
-errors in variables on the same blocks, and their sigma includes the distance.
+above the declared noise. A group of the prior that the data contradict is widened; the result is
+not valid if it is a sensor, a known body or a mounting. If the residuals are larger still, or if
+they drift, the model does not fit. Every reason against the result is kept. The paper's regressions
+are compared with the errors in variables on the same blocks, and their sigma includes the distance.
 """
 
 from collections.abc import Callable, Sequence
@@ -304,7 +304,7 @@ def _likelihood(
             aborted=solution.status == "ABORTED",
             not_converged=solution.status == "NOT_CONVERGED",
             misfit=settled.misfit,
-            mismatch=settled.mismatch or doubted or implausible,
+            mismatch=settled.mismatch or implausible,
             prior_conflict=doubted,
             not_excited=not_excited,
         ),

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from fsw.checks.noise import difference_sigma, noise_findings
 from fsw.messages import ChannelWindow, Window
@@ -39,12 +40,20 @@ def windows_of(q: np.ndarray, tau: np.ndarray, t_ns: np.ndarray, joints: int) ->
     return made
 
 
-def findings(q: np.ndarray, tau: np.ndarray, t_ns: np.ndarray, declared_rad: float = SIGMA_RAD):
+def findings(
+    q: np.ndarray,
+    tau: np.ndarray,
+    t_ns: np.ndarray,
+    declared_rad: float = SIGMA_RAD,
+    model_nm: float = 0.0,
+):
     config = make_config()
-    joints = tuple(
-        joint.model_copy(update={"position_noise_rad": declared_rad, "torque_noise_nm": SIGMA_NM})
-        for joint in config.joints
-    )
+    declared = {
+        "position_noise_rad": declared_rad,
+        "torque_noise_nm": SIGMA_NM,
+        "torque_model_sigma_nm": model_nm,
+    }
+    joints = tuple(joint.model_copy(update=declared) for joint in config.joints)
     buses = tuple(bus.model_copy(update={"rate_hz": RATE_HZ}) for bus in config.buses)
     estimator = config.estimator.model_copy(update={"window_s": WINDOW_S, "nodes": 4})
     config = config.model_copy(update={"joints": joints, "buses": buses, "estimator": estimator})
@@ -101,6 +110,45 @@ def test_coloured_noise_is_noise_and_no_misfit(correlation_s: float) -> None:
     found = findings(q, tau, t_ns)
     assert "estimator.window_s" not in found
     assert found["joints.0.torque_noise_nm"].found == pytest.approx(SIGMA_NM, rel=0.3)
+
+
+def fading_torque(rng: np.random.Generator, count: int, correlation_s: float) -> np.ndarray:
+    """Return a torque of unit variance that no model explains, at RATE_HZ."""
+    fading = np.exp(-1.0 / (RATE_HZ * correlation_s))
+    fresh = rng.normal(0.0, np.sqrt(1.0 - fading**2), count + 500)
+    return np.asarray(lfilter([1.0], [1.0, -fading], fresh)[500:])
+
+
+@pytest.mark.parametrize("correlation_s", [0.01, 0.03, 0.1])
+def test_a_torque_that_is_declared_to_be_outside_of_the_model_is_no_noise_too_small(
+    correlation_s: float,
+) -> None:
+    rng = np.random.default_rng(11)
+    t_ns = grid(rng, seconds=30.0)
+    model = 3.0 * SIGMA_NM * fading_torque(rng, len(t_ns), correlation_s)
+    tau = model + rng.normal(0.0, SIGMA_NM, len(t_ns))
+    q = motion(t_ns * 1e-9, 0.2) + rng.normal(0.0, SIGMA_RAD, len(t_ns))
+    found = findings(q, tau, t_ns, model_nm=3.0 * SIGMA_NM)
+    assert not [own.text() for key, own in found.items() if own.wrong and "joints" in key]
+    # four times that: none of it is white, so the estimate finds and counts it; the note says so
+    louder = findings(q, 4.0 * model + tau, t_ns, model_nm=3.0 * SIGMA_NM)
+    own = louder["joints.0.torque_model_sigma_nm"]
+    assert "sigma counts" in own.note
+    assert own.adopted
+    assert 0.25 < own.found / (15.0 * SIGMA_NM) < 1.1  # a window's polynomial takes slow parts
+    assert not [own.text() for key, own in louder.items() if own.wrong and "joints" in key]
+
+
+def test_white_noise_beyond_that_of_sensor_and_model_is_wrong() -> None:
+    rng = np.random.default_rng(12)
+    t_ns = grid(rng, seconds=30.0)
+    q = motion(t_ns * 1e-9, 0.2) + rng.normal(0.0, SIGMA_RAD, len(t_ns))
+    tau = rng.normal(0.0, 4.0 * SIGMA_NM, len(t_ns))
+    own = findings(q, tau, t_ns, model_nm=2.0 * SIGMA_NM)["joints.0.torque_noise_nm"]
+    assert "the data are noisier" in own.wrong
+    assert own.found == pytest.approx(4.0 * SIGMA_NM, rel=0.1)
+    quiet = findings(q, tau / 4.0, t_ns, model_nm=2.0 * SIGMA_NM)["joints.0.torque_noise_nm"]
+    assert (quiet.wrong, quiet.note) == ("", "")  # less than the sum is no cleaner sensor
 
 
 @pytest.mark.parametrize(("ratio", "is_wrong"), [(1.0, False), (1.6, True), (1.0 / 1.6, False)])

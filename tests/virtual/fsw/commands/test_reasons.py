@@ -31,6 +31,8 @@ def printed(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict:
         # grossly wrong: what the estimate says depends on how it was sought, the reason must not
         (joint_2(sign=1), (), ["MODEL_MISMATCH"]),
         (joint_2(zero_offset_rad=-0.2), (), ["MODEL_MISMATCH"]),  # 0.15 rad off
+        # the prior of a sensor is contradicted, by 8 sigma, and nothing else is wrong
+        (joint_2(torque_offset_nm=0.8), (), ["PRIOR_CONFLICT"]),
     ],
 )
 def test_the_same_reasons_everywhere(
