@@ -214,5 +214,7 @@ def _thinned(
     means = [np.add.reduceat(part, heads) / counts for part in (t_s, values)]
     length_s = t_s[heads + counts - 1] - t_s[heads]
     step_s = length_s / np.maximum(counts - 1, 1)
-    apart_s = step_s * ((counts**2 - 1) / (3 * counts) if order else np.sqrt((counts**2 - 1) / 12))
+    squares: IntArray = counts**2 - 1
+    steps: FloatArray = squares / (3 * counts) if order else np.sqrt(squares / 12)
+    apart_s = step_s * steps
     return means[0], means[1], np.full(len(heads), order), sigma / np.sqrt(counts), apart_s

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import permutations
 from pathlib import Path
 from typing import Any
 
@@ -54,10 +55,8 @@ def ellipsoid(covariance_m2: FloatArray, near: FloatArray) -> tuple[FloatArray, 
     """
     values, vectors = np.linalg.eigh(covariance_m2)
     semi_m = SIGMAS * np.sqrt(np.maximum(values, 0.0))
-    order = max(
-        ([0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]),
-        key=lambda order: float(np.abs(np.einsum("ij,ij->j", vectors[:, order], near)).sum()),
-    )
+    likeness = np.abs(vectors.T @ near)  # of each axis (row) to each of `near`
+    order = list(max(permutations(range(3)), key=lambda rows: likeness[list(rows), range(3)].sum()))
     along = np.einsum("ij,ij->j", vectors[:, order], near)
     axes = vectors[:, order] * np.where(along < 0.0, -1.0, 1.0)
     if np.linalg.det(axes) < 0.0:
