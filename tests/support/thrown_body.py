@@ -8,6 +8,7 @@ Space Vehicle Dynamics and Control (2008), sec. 7.3.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -61,6 +62,17 @@ def _acceleration(t: float, w: np.ndarray) -> np.ndarray:
     return np.linalg.solve(INERTIA, -np.cross(w, INERTIA @ w + AXIS * h[1]) - moment)
 
 
+@cache
+def _motion(_ramp_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return times, rates and angular accelerations, which are the same for every seed."""
+    t = 1.0 + np.arange(round(LASTS_S * RATE_HZ)) / RATE_HZ
+    found = solve_ivp(
+        _acceleration, (0.0, LASTS_S), W_START, "DOP853", t - 1.0, rtol=1e-11, atol=1e-11
+    )
+    w = found.y.T
+    return t, w, np.array([_acceleration(*state) for state in zip(t - 1.0, w, strict=True)])
+
+
 def throw(
     noise: Noise, seed: int = 0, late_s: float = 0.0, gyro_matrix: np.ndarray = EXACT
 ) -> Columns:
@@ -68,12 +80,7 @@ def throw(
 
     `gyro_matrix` (3, 3) times what the gyro reads is the true rate.
     """
-    t = 1.0 + np.arange(round(LASTS_S * RATE_HZ)) / RATE_HZ
-    found = solve_ivp(
-        _acceleration, (0.0, LASTS_S), W_START, "DOP853", t - 1.0, rtol=1e-11, atol=1e-11
-    )
-    w, rng = found.y.T, np.random.default_rng([seed, 45])
-    wd = np.array([_acceleration(*state) for state in zip(t - 1.0, w, strict=True)])
+    (t, w, wd), rng = _motion(RAMP_S), np.random.default_rng([seed, 45])
     f = np.cross(wd, -COM_M) + np.cross(w, np.cross(w, -COM_M))
     w = np.linalg.solve(gyro_matrix, w.T).T + rng.normal(0.0, noise.rate_rad_s, w.shape)
     f = f + rng.normal(0.0, noise.force_m_s2, f.shape)
