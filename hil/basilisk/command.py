@@ -92,7 +92,9 @@ def make_environment(folder: Path) -> None:
     """Make a virtual environment with Basilisk. Raises ScenarioError if that fails."""
     from hil.world.scenario import ScenarioError
 
-    pip = [str(folder / "bin" / "python"), "-m", "pip", "install", "-q", "--no-deps", *PACKAGES]
+    # Basilisk has 3000 modules, of which a flight imports few
+    options = ["-q", "--no-deps", "--no-compile"]
+    pip = [str(folder / "bin" / "python"), "-m", "pip", "install", *options, *PACKAGES]
     for command in ([sys.executable, "-m", "venv", str(folder)], pip):
         if subprocess.run(command, check=False, stdout=sys.stderr).returncode != 0:
             raise ScenarioError(f"--make-env: failed: {' '.join(command)}")
