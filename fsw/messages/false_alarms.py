@@ -16,6 +16,7 @@ FLIGHT_RATE = 1e-4  # clean flights that any check fails
 BLOCKS = 200  # windows of a flight: 80 s at 0.4 s; passes over the blocks are fewer
 SENSORS = 25  # sensors judged one by one: joints, accelerometer and gyro
 PRIOR_TESTS = 200  # groups of the prior times the independent looks at each of them
+PACES = 20_000  # bins of 0.05 s, and longer ones: of SYNC and its answers, of three kinds of nodes
 SAMPLES = 2_000_000  # samples of all channels: 19 channels at 500 Hz for 80 s, and spare
 
 SHARES: dict[str, float] = {
@@ -29,6 +30,7 @@ SHARES: dict[str, float] = {
     "consistency": 5e-6,  # a body far from any possible one: NOT_CONSISTENT
     "sample": 5e-6,  # one sample left out of a window
     "health": 5e-6,  # stuck sensors, gyro against star tracker
+    "pace": 5e-6,  # stamps of SYNC that creep: the bus's answers are refused
 }
 DELAYS: dict[str, float] = {  # clean flights whose estimate becomes valid later
     "prior": 2e-3,  # a group of the prior contradicted: PRIOR_CONFLICT
@@ -37,6 +39,7 @@ TESTS: Mapping[str, int] = {
     "sensor": BLOCKS * SENSORS,
     "prior": PRIOR_TESTS,
     "sample": SAMPLES,
+    "pace": PACES,
     "health": SAMPLES,
 }
 

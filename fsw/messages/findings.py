@@ -14,6 +14,7 @@ class Fault(StrEnum):
     # a CAN bus
     SYNC_LOST = "SYNC_LOST"
     SYNC_DOUBLED = "SYNC_DOUBLED"
+    SYNC_CREEPS = "SYNC_CREEPS"
     BUS_OFF = "BUS_OFF"
     BUS_ERRORS = "BUS_ERRORS"
     BUS_SILENT = "BUS_SILENT"

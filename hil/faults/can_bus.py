@@ -112,6 +112,23 @@ def _sync_doubled(place: Place) -> None:
     _strike_syncs(place, faults.keep if place.reference else twice, 0.05)
 
 
+def _sync_creep(place: Place) -> None:
+    """Let the stamps of the host's SYNCs run away from their true times, at `size` seconds/s.
+
+    Without their times the answers are lost.
+    """
+    first, last = place.window_ns
+    if place.reference:
+        place.can(faults.drop, faults.drop, 1.0, faults.is_tpdo1)
+        return
+    rate = place.size(5e-5)
+
+    def crept(t_ns: int) -> int:
+        return t_ns + round(rate * (t_ns - first)) if first <= t_ns < last else t_ns
+
+    place.world.can.sent_stamp = crept
+
+
 def _cut(place: Place) -> None:
     """Drop every frame to the host, like a broken cable."""
     place.can(faults.drop, faults.drop, 1.0, lambda _frame: True)
@@ -189,6 +206,7 @@ TYPES: Mapping[str, Type] = {
     "node_power_cycle": _node_power,
     "sync_lost": _sync_lost,
     "sync_doubled": _sync_doubled,
+    "sync_creep": _sync_creep,
     "node_no_sync": _status(0x49, torque_only=False),
     "node_test_data": _status(0x89, torque_only=False),
     "encoder_fault": _status(0x19, torque_only=False),

@@ -26,6 +26,7 @@ from hil.world.sensors import generator
 FrameTap = Callable[[Sequence[TimedFrame]], Sequence[TimedFrame]]
 ByteTap = Callable[[Sequence[TimedBytes]], Sequence[TimedBytes]]
 HostTap = Callable[[TimedFrame], Sequence[TimedFrame]]
+Stamp = Callable[[int], int]
 WAKE_LATENCY_S = 4e-5
 
 
@@ -37,6 +38,10 @@ def _pass_host(frame: TimedFrame) -> Sequence[TimedFrame]:
     return (frame,)
 
 
+def _pass_stamp(t_ns: int) -> int:
+    return t_ns
+
+
 def _pass_bytes(chunks: Sequence[TimedBytes]) -> Sequence[TimedBytes]:
     return chunks
 
@@ -44,8 +49,9 @@ def _pass_bytes(chunks: Sequence[TimedBytes]) -> Sequence[TimedBytes]:
 class VirtualCan:
     """A CAN port. `tap` may drop, change, delay or add frames on their way to the host.
 
-    `host_tap` may do so with each frame of the host on its way to the nodes. Within `lost_ns` the
-    port raises PortError, as if its device were unplugged.
+    `host_tap` may do so with each frame of the host on its way to the nodes. `sent_stamp` gives the
+    stamp of a frame of the host from its true time. Within `lost_ns` the port raises PortError, as
+    if its device were unplugged.
 
     A frame's stamp is the time of the read. If the plant produces SYNC, the stamp is the frame's
     end on the bus, as from a kernel, because SYNC is then the joints' time of validity.
@@ -60,6 +66,7 @@ class VirtualCan:
         self.outages_ns: list[tuple[int, int]] = []  # [from, to): frames are lost without an error
         self.bus, self.line = bus, line
         self.host_tap: HostTap = _pass_host
+        self.sent_stamp: Stamp = _pass_stamp
         self.lost_ns = (0, 0)
         self._plant, self._clock = plant, clock
         self._queue: list[tuple[int, int, TimedFrame]] = []
@@ -103,7 +110,7 @@ class VirtualCan:
         self.open()
         for t_ns, received_id, received, _ in self.host_tap((now_ns, can_id, data, False)):
             self.command(t_ns, received_id, received)
-        return CanFrame(now_ns, can_id, data)
+        return CanFrame(self.sent_stamp(now_ns), can_id, data)
 
     def command(self, t_ns: int, can_id: int, data: bytes) -> None:
         """Give a frame of any sender to the nodes at `t_ns`; queue the answers."""

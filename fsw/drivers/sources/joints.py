@@ -18,7 +18,7 @@ from fsw.drivers.sources.joint_track import (
     JointTracks,
     Readings,
 )
-from fsw.drivers.sources.sync import UNKNOWN, SyncHistory
+from fsw.drivers.sources.sync import UNKNOWN, history_of
 from fsw.drivers.wire import MAX_DATA_BYTES, CanFrame, FrameArray, Reject, frame_at, picked
 from fsw.messages import IntArray, JointSamples, joined
 from fsw.messages.findings import Fault, Finding
@@ -62,7 +62,7 @@ class JointBusSource:
             health.late_periods,
         )
         self._latch_offset_ns = round(bus.latch_offset_s * 1e9)
-        self._syncs = SyncHistory(bus.sync_counter_max, bus.rate_hz)
+        self._syncs = history_of(bus)
         self._unsettled: deque[tuple[int, int]] = deque()  # SYNC stamp and index
         period_s = 1.0 / bus.rate_hz
         self._tracks = JointTracks(joints, period_s)
@@ -240,17 +240,18 @@ class JointBusSource:
         t_ns, length = frames["t_ns"], frames["length"]
         whole = length == self._lengths[node]
         pdo = self._decode(frames["data"], node, whole)
-        index, sync_ns, newest = self._syncs.match(pdo.sync_counter, rows, t_ns)
+        index, sync_ns, newest, crept = self._syncs.match(pdo.sync_counter, rows, t_ns)
         index[~whole] = UNKNOWN
         self._watch.feed(Answers(self._ids[node], index, newest, rows, t_ns), syncs, others)
-        usable = (index >= 0) & canopen.position_usable(pdo.status)
+        usable = (index >= 0) & ~crept & canopen.position_usable(pdo.status)
         position_rad, torque_nm = self._calibration.apply(node, pdo.position_rad, pdo.torque_nm)
         senses = self._senses_torque[node]
         has_torque = canopen.torque_usable(pdo.status) & senses
         torque_nm[~has_torque] = np.nan
         self._count_received(node, length)
         if np.count_nonzero(usable) < len(usable):
-            self._refuse_unused(frames, node, np.flatnonzero(~usable), whole, index, pdo.status)
+            places = np.flatnonzero(~usable)
+            self._refuse_unused(frames, node, places, whole, index, crept, pdo.status)
         order = np.flatnonzero(usable)
         order = order[np.argsort(node[order], kind="stable")]
         counts = np.bincount(node[order], minlength=len(self._lengths)).tolist()
@@ -324,9 +325,10 @@ class JointBusSource:
         places: NDArray[np.intp],
         whole: NDArray[np.bool_],
         index: IntArray,
+        crept: NDArray[np.bool_],
         status: IntArray,
     ) -> None:
-        """Reject frames of a wrong length, without a SYNC, or whose status forbids their use."""
+        """Reject frames of a wrong length, without a time, or whose status forbids their use."""
         for place in places.tolist():
             track = self._tracks[nodes[place]]
             node = track.config.node_id
@@ -334,6 +336,9 @@ class JointBusSource:
             if index[place] < 0:
                 reason = Reject.STALE if whole[place] else Reject.LENGTH
                 self._watch.find(t_ns, _FAULT_OF_REJECT[reason], node)
+            elif crept[place]:
+                reason = Reject.STALE
+                self._watch.find(t_ns, Fault.SYNC_CREEPS, None, self._syncs.movement)
             else:
                 reason, bits = Reject.STATUS, int(status[place])
                 fault = next(f for mask, f in _FAULT_OF_STATUS if bits & mask or mask == 0xFF)

@@ -1,9 +1,13 @@
 """History of the SYNCs of one bus, which time the samples of its nodes."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
+from fsw.config import BusConfig
 from fsw.drivers.codecs.canopen import decode_sync
+from fsw.drivers.sources.sync_pace import SyncPace
 from fsw.drivers.wire import Reject
 from fsw.messages import IntArray
 
@@ -13,10 +17,20 @@ UNKNOWN = -1
 BEFORE = -1  # row of a SYNC that came in an earlier batch
 
 
-class SyncHistory:
-    """The latest SYNCs in order: counter, stamp and running index."""
+class Matched(NamedTuple):
+    """The SYNCs of k answers; all arrays (k,)."""
 
-    def __init__(self, counter_max: int, rate_hz: float) -> None:
+    sync: IntArray  # running index of the SYNC, UNKNOWN if no SYNC matches or it is too old
+    stamp_ns: IntArray  # stamp of that SYNC
+    newest: IntArray  # running index of the newest SYNC before the answer
+    crept: NDArray[np.bool_]  # whether the stamp has crept, so that the answer has no time
+
+
+class SyncHistory:
+    """The latest SYNCs in order: counter, stamp and running index; and whether stamps creep."""
+
+    def __init__(self, counter_max: int, rate_hz: float, pace: SyncPace | None = None) -> None:
+        self._pace = pace or SyncPace(rate_hz)
         self._counter_max = counter_max
         self._max_age_ns = round(min(MAX_AGE_S, CYCLE_RATIO * counter_max / rate_hz) * 1e9)
         self._latest: list[int | None] = [None] * (counter_max + 1)  # stamp by counter
@@ -71,26 +85,18 @@ class SyncHistory:
         recent = before is not None and t_ns - before < self._echo_ns
         return recent and behind < max(1, self._counter_max // 4)
 
-    def match(
-        self, counters: IntArray, rows: IntArray, t_ns: IntArray
-    ) -> tuple[IntArray, IntArray, IntArray]:
+    def match(self, counters: IntArray, rows: IntArray, t_ns: IntArray) -> Matched:
         """Find the SYNC of every answer in a batch: the latest one before with the same counter.
 
         Parameters
         ----------
         counters, rows, t_ns : (k,) echoed counter, row in the batch and stamp of every answer
-
-        Returns
-        -------
-        indexes : (k,) running index of the SYNC, UNKNOWN if no SYNC matches or it is too old
-        stamps_ns : (k,) stamp of that SYNC
-        newest : (k,) running index of the newest SYNC before the answer
         """
         self._take_new()
         held = self._counters
         if not held.size:
             none = np.full(len(counters), UNKNOWN)
-            return none, np.zeros(len(counters), np.int64), none
+            return Matched(none, np.zeros(len(counters), np.int64), none, none >= 0)
         last = np.searchsorted(self._rows, rows) - 1
         if last.min(initial=0) >= 0 and not np.count_nonzero(held[last] != counters):
             at, found = last, np.ones(len(last), np.bool_)  # every answer is to its newest SYNC
@@ -99,7 +105,14 @@ class SyncHistory:
         stamps_ns = self._stamps_ns[np.where(found, at, 0)]
         found &= t_ns - stamps_ns <= self._max_age_ns
         first = self.count - held.size
-        return np.where(found, first + at, UNKNOWN), stamps_ns, first + last
+        index, newest = np.where(found, first + at, UNKNOWN), first + last
+        self._pace.follow(index[found], newest[found], stamps_ns[found], t_ns[found])
+        return Matched(index, stamps_ns, newest, found & self._pace.crept(index))
+
+    @property
+    def movement(self) -> str:
+        """How far the stamps have crept, in words."""
+        return f"stamps of SYNC have moved by {self._pace.moved_ns * 1e-3:.0f} us"
 
     def _take_new(self) -> None:
         """Append the SYNCs of this batch to the held ones; discard SYNCs too old to be echoed."""
@@ -112,6 +125,12 @@ class SyncHistory:
         self._stamps_ns = np.concatenate([self._stamps_ns[start:], new[:, 1]])
         old = np.full(len(self._rows) - start, BEFORE)
         self._rows = np.concatenate([old, new[:, 2]])
+
+
+def history_of(bus: BusConfig) -> SyncHistory:
+    """Return the empty history of a configured bus."""
+    pace = SyncPace(bus.rate_hz, bus.bitrate, own=bus.sync == "producer")
+    return SyncHistory(bus.sync_counter_max, bus.rate_hz, pace)
 
 
 def _latest(

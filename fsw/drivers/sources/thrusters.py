@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from fsw.config import BusConfig, ThrusterConfig
 from fsw.drivers.codecs import canopen, thruster
 from fsw.drivers.sources.counters import Counters
-from fsw.drivers.sources.sync import SyncHistory
+from fsw.drivers.sources.sync import history_of
 from fsw.drivers.wire import FrameArray, Reject
 from fsw.messages import ThrusterSamples
 from fsw.messages.findings import Fault, Finding
@@ -27,6 +27,7 @@ class _Node:
     thrusters: list[tuple[int, ThrusterConfig]]  # index in the configured list
     counts: Counters
     latch_ns: int | None = None  # latch time of the newest report
+    heard_ns: int | None = None  # likewise, of reports that have no time because SYNC has crept too
     valves: int = 0
     changes: int = 0
 
@@ -46,7 +47,9 @@ class ThrusterBusSource:
         for index, config in thrusters:
             node = self._nodes.setdefault(config.node_id, _Node(config.rate_hz, [], Counters()))
             node.thrusters.append((index, config))
-        self._syncs = SyncHistory(bus.sync_counter_max, bus.rate_hz)
+        self._bus = bus.name
+        self._found: list[Finding] = []
+        self._syncs = history_of(bus)
         self._latch_offset_ns = round(bus.latch_offset_s * 1e9)
         self._now_ns = 0
 
@@ -70,7 +73,7 @@ class ThrusterBusSource:
         own, found = frames.take(rows), list[tuple[int, int, int, float, float]]()
         t_ns = own["t_ns"].astype(np.int64)
         pdo = thruster.decode_tpdo1(own["data"][:, : thruster.TPDO1_BYTES])
-        index, sync_ns, _ = self._syncs.match(pdo.sync_counter, rows, t_ns)
+        index, sync_ns, _, crept = self._syncs.match(pdo.sync_counter, rows, t_ns)
         usable = thruster.valves_usable(pdo.status)
         for k, length in enumerate(own["length"].tolist()):
             node = self._nodes[int(own["word"][k]) & canopen.NODE_MASK]
@@ -80,7 +83,7 @@ class ThrusterBusSource:
                     why
                     for bad, why in (
                         (length != thruster.TPDO1_BYTES, Reject.LENGTH),
-                        (index[k] < 0, Reject.STALE),
+                        (index[k] < 0 or crept[k], Reject.STALE),
                         (not usable[k], Reject.STATUS),
                         (node.latch_ns is not None and latch_ns <= node.latch_ns, Reject.SEQUENCE),
                     )
@@ -89,6 +92,9 @@ class ThrusterBusSource:
                 None,
             )
             node.counts.received_bytes += length
+            if crept[k]:
+                node.heard_ns, text = latch_ns, self._syncs.movement
+                self._found.append(Finding(int(t_ns[k]), Fault.SYNC_CREEPS, self._bus, text))
             if reason is not None:
                 node.counts.reject(reason, length)
                 continue
@@ -107,12 +113,12 @@ class ThrusterBusSource:
         )
 
     def findings(self) -> list[Finding]:
-        """Return a finding for every silent node."""
-        found = []
+        """Return the findings since the last call, and one for every silent node."""
+        found, self._found = self._found, []
         for node in self._nodes.values():
-            if node.latch_ns is None:
+            if node.heard_ns is None:
                 continue
-            age_s = (self._now_ns - node.latch_ns) * 1e-9
+            age_s = (self._now_ns - node.heard_ns) * 1e-9
             if age_s * node.rate_hz > SILENT_REPORTS:
                 text, subject = f"no report for {age_s:.1f} s", node.thrusters[0][1].name
                 found.append(Finding(self._now_ns, Fault.THRUSTER_SILENT, subject, text))
@@ -149,4 +155,5 @@ def _states(
             found.append((max(change_ns, known_before + 1), received_ns, index, float(now), 1.0))
         found.append((latch_ns, received_ns, index, float(now), 0.0))
     node.latch_ns, node.valves, node.changes = latch_ns, valves, changes
+    node.heard_ns = latch_ns
     return found

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from fsw.config import BusConfig, WheelConfig
 from fsw.drivers.codecs import canopen, wheel
 from fsw.drivers.sources.counters import Counters
-from fsw.drivers.sources.sync import SyncHistory
+from fsw.drivers.sources.sync import history_of
 from fsw.drivers.wire import FrameArray, Reject
 from fsw.messages import FloatArray, IntArray, WheelSamples
 from fsw.messages.findings import Fault, Finding
@@ -35,11 +35,14 @@ class WheelBusSource:
         self._speed_limit = np.array([config.speed_limit_rad_s for config in self._wheels])
         self._torque_limit = np.array([config.torque_limit_nm for config in self._wheels])
         self._senses_torque = np.array([config.torque == "measured" for config in self._wheels])
-        self._syncs = SyncHistory(bus.sync_counter_max, bus.rate_hz)
+        self._bus = bus.name
+        self._syncs = history_of(bus)
         late_s = np.array([bus.latch_offset_s - config.delay_s for config in self._wheels])
         self._offset_ns = np.rint(late_s * 1e9).astype(np.int64)
         self._counts = [Counters() for _ in wheels]
         self._newest: list[tuple[int, float, float] | None] = [None] * len(wheels)
+        self._heard_ns: list[int | None] = [None] * len(wheels)  # SYNC of the newest report
+        self._found: list[Finding] = []
         self._temperature_degc: dict[int, float] = {}
         self._now_ns = 0
 
@@ -71,14 +74,14 @@ class WheelBusSource:
     def _reports(self, frames: FrameArray, rows: NDArray[np.intp], place: IntArray) -> WheelSamples:
         t_ns, length = frames["t_ns"].astype(np.int64), frames["length"]
         pdo = wheel.decode_tpdo1(frames["data"][:, : wheel.TPDO1_BYTES])
-        index, sync_ns, _ = self._syncs.match(pdo.sync_counter, rows, t_ns)
+        index, sync_ns, _, crept = self._syncs.match(pdo.sync_counter, rows, t_ns)
         speed, torque = pdo.speed_rad_s, pdo.torque_nm
         has_torque = canopen.torque_usable(pdo.status) & self._senses_torque[place]
         in_range = np.abs(speed) <= self._speed_limit[place]
         has_torque &= np.abs(torque) <= self._torque_limit[place]
         reasons = (
             (length != wheel.TPDO1_BYTES, Reject.LENGTH),
-            (index < 0, Reject.STALE),
+            ((index < 0) | crept, Reject.STALE),
             (~wheel.speed_usable(pdo.status), Reject.STATUS),
             (~in_range, Reject.RANGE),
         )
@@ -87,6 +90,10 @@ class WheelBusSource:
             counts = self._counts[place[k]]
             counts.received_bytes += size
             reason = next((why for bad, why in reasons if bad[k]), None)
+            if crept[k]:
+                text = self._syncs.movement
+                self._heard_ns[place[k]] = int(sync_ns[k])
+                self._found.append(Finding(int(t_ns[k]), Fault.SYNC_CREEPS, self._bus, text))
             newest = self._newest[place[k]]
             if reason is None and newest is not None and sync_ns[k] <= newest[0]:
                 reason = Reject.SEQUENCE
@@ -96,6 +103,7 @@ class WheelBusSource:
                 continue
             counts.accepted += 1
             counts.accepted_bytes += size
+            self._heard_ns[place[k]] = int(sync_ns[k])
             self._newest[place[k]] = (int(sync_ns[k]), float(speed[k]), float(torque[k]))
         torque = np.where(has_torque, torque, np.nan)
         return WheelSamples(
@@ -107,13 +115,12 @@ class WheelBusSource:
         )
 
     def findings(self) -> list[Finding]:
-        """Return a finding for every silent wheel."""
-        found = []
-        for place, config in enumerate(self._wheels):
-            newest = self._newest[place]
-            if newest is None:
+        """Return the findings since the last call, and one for every silent wheel."""
+        found, self._found = self._found, []
+        for config, heard_ns in zip(self._wheels, self._heard_ns, strict=True):
+            if heard_ns is None:
                 continue
-            age_s = (self._now_ns - newest[0]) * 1e-9
+            age_s = (self._now_ns - heard_ns) * 1e-9
             if age_s * config.rate_hz > SILENT_REPORTS:
                 text = f"no report for {age_s:.1f} s"
                 found.append(Finding(self._now_ns, Fault.WHEEL_SILENT, config.name, text))

@@ -211,6 +211,7 @@ FINDINGS = (
     "THRUSTER_SILENT",
     "THRUSTER_UNKNOWN",
     "NODE_CONTESTED",
+    "SYNC_CREEPS",
 )
 _FOUND = tuple(
     (

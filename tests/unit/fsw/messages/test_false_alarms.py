@@ -9,6 +9,7 @@ from scipy import stats
 
 from fsw.config.health import HealthConfig
 from fsw.config.processing import EstimatorConfig
+from fsw.drivers.sources.sync_pace import STEADY, STEPS
 from fsw.estimators import reasons
 from fsw.estimators.recursive import change, prior_groups
 from fsw.estimators.window_fit import GATE_SIGMAS
@@ -34,6 +35,7 @@ def test_each_threshold_over_all_its_tests_has_its_share() -> None:
         ("consistency", half, blocks),
         ("sample", 2.0 * normal(GATE_SIGMAS), false_alarms.SAMPLES),
         ("change", change.CHANGE_RATE, blocks),
+        ("pace", 2.0 * stats.t.sf(STEADY, STEPS - 1), false_alarms.PACES),
     ):
         assert chance * tests == pytest.approx(rate(check), rel=1e-6), check
 
