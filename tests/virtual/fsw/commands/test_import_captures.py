@@ -4,8 +4,12 @@ Bound, set before the first run: logs whose stamps have microseconds give the sa
 bench's CAN stamps are whole microseconds and serial stamps are written with all nine digits.
 """
 
+import io
 import json
+from contextlib import redirect_stdout
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import can
 import pytest
@@ -18,35 +22,42 @@ from tests.support.sampled_cases import faults
 EPOCH_NS = 1_760_000_000 * 10**9  # as a computer stamps that knows the date
 
 
-def captured(folder: Path, out: Path, log: str = "arm.log", epoch_ns: int = EPOCH_NS) -> list[str]:
-    """Write a recording as python-can's own writers and a serial logger would; return arguments."""
+@cache
+def logs_of(folder: Path, log: str, epoch_ns: int) -> dict[str, bytes]:
+    """Return the files that python-can and a serial logger would write of a recording."""
     path = folder / "recording.mcap"
-    with can.Logger(out / log) as logger:
-        for item in messages(path, ["/can/arm"]):
-            word, length = int.from_bytes(item.data[:4], "little"), item.data[4]
-            logger.on_message_received(
-                can.Message(
-                    timestamp=(item.t_ns + epoch_ns) / 1e9,
-                    arbitration_id=word,
-                    is_extended_id=False,
-                    data=item.data[8 : 8 + length],
-                    channel=0,
+    with TemporaryDirectory() as name:
+        with can.Logger(Path(name) / log) as logger:
+            for item in messages(path, ["/can/arm"]):
+                word, length = int.from_bytes(item.data[:4], "little"), item.data[4]
+                logger.on_message_received(
+                    can.Message(
+                        timestamp=(item.t_ns + epoch_ns) / 1e9,
+                        arbitration_id=word,
+                        is_extended_id=False,
+                        data=item.data[8 : 8 + length],
+                        channel=0,
+                    )
                 )
-            )
-    imu, tracker = out / "imu.csv", out / "tracker.jsonl"
+        arm = (Path(name) / log).read_bytes()
     rows = [(seconds(m.t_ns + epoch_ns), m.data.hex()) for m in messages(path, ["/serial/imu"])]
-    imu.write_text("stamp_s,hex\n" + "".join(f"{t},{data}\n" for t, data in rows))
-    tracker.write_text(
-        "".join(
-            f'{{"stamp_s": {seconds(m.t_ns + epoch_ns)}, "hex": "{m.data.hex()}"}}\n'
-            for m in messages(path, ["/serial/star_tracker"])
-        )
+    imu = "stamp_s,hex\n" + "".join(f"{t},{data}\n" for t, data in rows)
+    tracker = "".join(
+        f'{{"stamp_s": {seconds(m.t_ns + epoch_ns)}, "hex": "{m.data.hex()}"}}\n'
+        for m in messages(path, ["/serial/star_tracker"])
     )
+    return {log: arm, "imu.csv": imu.encode(), "tracker.jsonl": tracker.encode()}
+
+
+def captured(folder: Path, out: Path, log: str = "arm.log", epoch_ns: int = EPOCH_NS) -> list[str]:
+    """Write the logs of a recording into `out`; return the arguments that import them."""
+    for name, data in logs_of(folder, log, epoch_ns).items():
+        (out / name).write_bytes(data)
     return [
         "import",
-        *("--can", f"arm={out / log}", "--serial", f"imu={imu}"),
-        *("--serial", f"star_tracker={tracker}", "--config", str(folder / "flight.yaml")),
-        *("--out", str(out / "imported.mcap")),
+        *("--can", f"arm={out / log}", "--serial", f"imu={out / 'imu.csv'}"),
+        *("--serial", f"star_tracker={out / 'tracker.jsonl'}"),
+        *("--config", str(folder / "flight.yaml"), "--out", str(out / "imported.mcap")),
     ]
 
 
@@ -54,10 +65,12 @@ def seconds(t_ns: int) -> str:
     return f"{t_ns // 10**9}.{t_ns % 10**9:09d}"
 
 
-def identified(recording: Path, folder: Path, capsys: pytest.CaptureFixture[str]) -> dict:
-    arguments = ["identify", str(recording), "--config", str(folder / "flight.yaml"), "--json"]
-    main(arguments)
-    return json.loads(capsys.readouterr().out)
+@cache
+def identified(recording: Path, folder: Path) -> dict:
+    said = io.StringIO()
+    with redirect_stdout(said):
+        main(["identify", str(recording), "--config", str(folder / "flight.yaml"), "--json"])
+    return json.loads(said.getvalue())
 
 
 @pytest.mark.parametrize("log", ["arm.log", "arm.blf", "arm.asc"])
@@ -65,8 +78,8 @@ def test_a_log_written_by_another_tool_gives_the_same_bits(flown, tmp_path, log,
     assert main(captured(flown, tmp_path, log)) == 0
     said = capsys.readouterr().out
     assert all(topic in said for topic in ("/can/arm", "/serial/imu", "/serial/star_tracker"))
-    ours = identified(flown / "recording.mcap", flown, capsys)
-    theirs = identified(tmp_path / "imported.mcap", flown, capsys)
+    ours = identified(flown / "recording.mcap", flown)
+    theirs = identified(tmp_path / "imported.mcap", flown)
     for key in ("status", "mean", "covariance", "samples"):
         assert theirs[key] == ours[key]
     assert theirs["samples"]["arm"]["accepted"] > 1000
@@ -91,8 +104,8 @@ def test_a_log_on_another_clock_is_refused_and_shifted(flown, tmp_path, capsys):
     assert "one clock" in capsys.readouterr().err
     assert main([*arguments, "--shift", "arm=-3600"]) == 0
     capsys.readouterr()
-    ours = identified(flown / "recording.mcap", flown, capsys)
-    assert identified(tmp_path / "imported.mcap", flown, capsys)["mean"] == ours["mean"]
+    ours = identified(flown / "recording.mcap", flown)
+    assert identified(tmp_path / "imported.mcap", flown)["mean"] == ours["mean"]
 
 
 def cut(path: Path) -> None:
