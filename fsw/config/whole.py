@@ -11,7 +11,12 @@ from fsw.config.base import BodyName, Section, allow_null, null_is_left_out
 from fsw.config.devices import BusConfig, ImuConfig, JointConfig, StarTrackerConfig, no_imu
 from fsw.config.health import HealthConfig
 from fsw.config.modes import ModeConfig, modes_go_with
-from fsw.config.processing import EstimatorConfig, OrbitConfig, SchedulerConfig
+from fsw.config.processing import (
+    EstimatorConfig,
+    OrbitConfig,
+    SchedulerConfig,
+    for_short_recordings,
+)
 from fsw.config.robot import METHODS_HELD, BaseConfig, BodyConfig, RobotConfig
 from fsw.config.services import (
     ExcitationConfig,
@@ -146,7 +151,7 @@ class Config(Section):
     @model_validator(mode="before")
     @classmethod
     def _without_null(cls, data: object) -> object:
-        return null_is_left_out(cls, data)
+        return for_short_recordings(null_is_left_out(cls, data))
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

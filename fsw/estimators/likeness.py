@@ -27,8 +27,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.fft import irfft, rfft
-from scipy.special import chdtri, ndtri, stdtrit
+from scipy.special import chdtri
 
+from fsw.estimators.few_windows import student
 from fsw.estimators.measurement.mrnea import Rows
 from fsw.messages import Block, FloatArray
 
@@ -40,7 +41,6 @@ LASTING = 0.03  # least correlation that counts, as in `recursive.change.colour`
 MOST_LASTING = 0.7  # correlation that counts however few samples are independent
 LOUD = 9.0  # squared residual over noise above which a wrench sensor's axes are judged apart
 KNOWN = 0.02  # least variance of a direction's score that the comparison of halves counts
-THREE_SIGMA = 0.99865  # point at which Student's distribution replaces the Gaussian
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -255,8 +255,7 @@ def _grown(excess: FloatArray) -> FloatArray:
     values, vectors = np.linalg.eigh(0.5 * (excess + excess.T))
     more = np.maximum(values, 0.0)
     dof = DOF * ((1.0 + more) / np.maximum(more, 1e-6)) ** 2
-    wider = (stdtrit(dof, THREE_SIGMA) / ndtri(THREE_SIGMA)) ** 2
-    grown = np.where(more > 0.0, (1.0 + more) * wider - 1.0, 0.0)
+    grown = np.where(more > 0.0, (1.0 + more) * student(dof) - 1.0, 0.0)
     return np.asarray((vectors * grown) @ vectors.T, np.float64)
 
 

@@ -18,7 +18,7 @@ from fsw.messages import Block, Snapshot
 from fsw.messages.errors import WRONG_CONTENT, FswError
 
 MAGIC = b"FSWCKPT\n"
-FORMAT_VERSION = 7  # rises with every change of the content of states
+FORMAT_VERSION = 8  # rises with every change of the content of states
 _HEAD = struct.Struct("<8sHIIQQ")
 _CRC = struct.Struct("<I")
 _ARRAY = 1

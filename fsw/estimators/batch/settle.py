@@ -9,6 +9,8 @@ from scipy.special import chdtri
 
 from fsw.estimators.batch.plain import BatchSolution
 from fsw.estimators.batch.solver import Progress, Target, minimise
+from fsw.estimators.few_windows import FEW_WINDOWS
+from fsw.estimators.few_windows import in_words as few_in_words
 from fsw.estimators.likeness import in_words
 from fsw.estimators.measurement.row_functions import Linearisation
 from fsw.estimators.model.problem import Problem
@@ -32,7 +34,7 @@ class Settled:
     covariance: FloatArray  # (p, p), wider where residuals are alike from block to block
     misfit: bool  # many blocks do not fit the others, or residuals are far larger than noise
     against: str  # what noise does not explain; empty: nothing
-    note: str  # by how much the likeness of the residuals widens sigma; empty: it does not
+    note: str  # why sigma is wider than that of the declared noise; empty: it is not
 
     @property
     def mismatch(self) -> bool:
@@ -49,31 +51,37 @@ def settle(
     start: FloatArray | None,
 ) -> Settled:
     """Solve, leave out blocks that do not fit, and repeat until the same blocks are left out."""
-    fits, level, before, scattered = [True] * len(blocks), 1.0, 1.0, ""
+    fits, scattered = [True] * len(blocks), ""
+    noise = before = InnovationMonitor(0.0)
     for more in reversed(range(GATE_ROUNDS)):
-        used, target, fitted = list(compress(blocks, fits)), Target(linear, fits, level), fits
+        used, fitted = list(compress(blocks, fits)), fits
+        target = Target(linear, fits, noise.variance)
         solution = minimise(problem, target, progress, start)
         residuals = [part.b for part in linear(solution.mean)]
         left = list(compress(residuals, fits))
         if solution.status == "ABORTED":
             break
-        before, level = level, _noise_level(residuals, _fitted(problem, solution))
-        limits = [level * float(chdtri(len(b), gate_probability)) for b in residuals]
+        few = not problem.is_free and len(left) < FEW_WINDOWS
+        before, noise = noise, _noise(problem, left if few else residuals, solution)
+        limits = [noise.level * float(chdtri(len(b), gate_probability)) for b in residuals]
         fits = [float(b @ b) <= limit for b, limit in zip(residuals, limits, strict=True)]
         if is_scattered(fits.count(False), sum(fits)):
             scattered = f"{fits.count(False)} of {len(blocks)} windows do not fit the others"
             break
-        if more == 0 or (fits == fitted and abs(level / before - 1.0) < LEVEL_TOLERANCE):
+        moved = abs(noise.variance / before.variance - 1.0)
+        if more == 0 or (fits == fitted and moved < LEVEL_TOLERANCE):
             break
         if solution.status != "NOT_CONVERGED":  # blocks that do not fit may have prevented it
             start = solution.mean
-    trust, white = Trust(), solution.information.covariance()
-    if level != before:  # the noise of the last residuals, not of those before
-        A, b = Target(linear, fitted, level)(solution.mean)
+    trust, white, level = Trust(), solution.information.covariance(), noise.level
+    if noise.variance != before.variance:  # of the last residuals, not of those before
+        A, b = Target(linear, fitted, noise.variance)(solution.mean)
         white = problem.prior.at(solution.mean).update(A, b + A @ solution.mean).covariance()
     if solution.status != "ABORTED":
-        trust.judge(problem, list(compress(linear(solution.mean), fitted)), used, level, white)
+        rows = list(compress(linear(solution.mean), fitted))
+        trust.judge(problem, rows, used, level, white, noise.doubt)
     covariance = trust.widened(white, len(left))
+    alike = in_words(white, covariance, problem.names[: problem.bodies.stop]) * trust.alike
     no_body = solution.note * (solution.status not in ("NOT_CONVERGED", "ABORTED"))
     return Settled(
         solution=solution,
@@ -83,7 +91,7 @@ def settle(
         residuals=left,
         misfit=solution.status != "ABORTED" and (bool(scattered) or trust.is_large(level)),
         covariance=covariance,
-        note=in_words(white, covariance, problem.names[: problem.bodies.stop]),
+        note="; ".join(filter(None, (few_in_words(len(used), noise.doubt), alike))),
         against="; ".join(filter(None, (scattered, no_body, trust.in_words(level)))),
     )
 
@@ -95,9 +103,12 @@ def _fitted(problem: Problem, solution: BatchSolution) -> float:
     return float(len(prior.z) - np.sum(held**2))
 
 
-def _noise_level(residuals: Sequence[FloatArray], parameters: float) -> float:
+def _noise(
+    problem: Problem, residuals: Sequence[FloatArray], solution: BatchSolution
+) -> InnovationMonitor:
     """Return the variance of the noise over the declared one, by the online estimator's rule."""
     monitor, longest = InnovationMonitor(0.0), max(map(len, residuals))
-    means = [float(b @ b) / len(b) for b in residuals if len(b) == longest]
-    monitor.learn_level(np.array(means), longest, parameters)
-    return monitor.level
+    means = np.array([float(b @ b) / len(b) for b in residuals if len(b) == longest])
+    fitted = _fitted(problem, solution)
+    monitor.learn_level(means, longest, fitted, is_held=not problem.is_free)
+    return monitor

@@ -13,12 +13,13 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtri
 
+from fsw.estimators.few_windows import FEW_WINDOWS, few_windows
 from fsw.estimators.recursive import page_sum
 from fsw.estimators.recursive.snapshot import Values, kept, put
 from fsw.messages import FloatArray
 from fsw.messages.false_alarms import per_test, sigmas
 
-_STATE = ("nis", "nis_dof", "level", "_sum", "_previous", "_lag", "_pairs")
+_STATE = ("nis", "nis_dof", "level", "doubt", "_sum", "_previous", "_lag", "_pairs")
 SLOW_BLOCKS = 16  # 6.4 s at the default window: slower than any sensor, faster than a motion
 SLOW_PROBABILITY = per_test("slow")
 MISMATCH_LEVEL = 9.0  # noise variance over the declared one that no sensor's noise explains
@@ -91,19 +92,26 @@ class InnovationMonitor:
     Attributes
     ----------
     nis, nis_dof : normalised innovation squared of the newest block and its degrees of freedom
-    level : noise variance over the declared one; 1 unless the residuals clearly show more
+    level : noise variance over the declared one; 1 unless the residuals clearly show more, or few
+        windows of a held arm show any more
+    doubt : Student's factor on this variance, for how few windows have shown it; 1: it is not used
     step : what the newest block added to Page's sum, whose limit is 1; 0: it was not judged
     """
 
     def __init__(self, gate_probability: float) -> None:
         self._gate_probability = gate_probability
         self.nis, self.nis_dof = 0.0, 0
-        self.level = 1.0
+        self.level = self.doubt = 1.0
         self.step = 0.0
         self._sum = 0.0
         self._previous: FloatArray | None = None
         self._lag = np.zeros(2)  # sum of products of successive innovations; of their squares
         self._pairs = 0
+
+    @property
+    def variance(self) -> float:
+        """Return the factor on the declared noise variance that a covariance must count."""
+        return self.level * self.doubt
 
     def snapshot(self) -> dict[str, Any]:
         """Return the state as plain values."""
@@ -138,13 +146,20 @@ class InnovationMonitor:
             self._previous = None
         return Judgement(accepted, self._sum > 1.0)
 
-    def learn_level(self, levels: FloatArray, dof: int, parameters: float) -> None:
+    def learn_level(
+        self, levels: FloatArray, dof: int, parameters: float, *, is_held: bool = False
+    ) -> None:
         """Set the noise level from the mean squared residuals of the newest blocks.
 
         The level is their median, corrected for the parameters fitted; one unless it stands out: a
-        median of chi-square means has MEDIAN_LOSS times the variance of their mean.
+        median of chi-square means has MEDIAN_LOSS times the variance of their mean. With `is_held`,
+        of a base that is held, few blocks are judged as `few_windows` says.
         """
         count = len(levels)
+        self.doubt = 1.0
+        if is_held and 0 < count < FEW_WINDOWS:
+            self.level, self.doubt = few_windows(levels, parameters, dof)
+            return
         spare = count * dof - parameters
         if count < 4 or spare <= 0:
             return

@@ -177,8 +177,12 @@ class Recursion:
 
     def covariance(self) -> FloatArray:
         """Return the covariance (p, p), which grows with noise level and likeness of residuals."""
-        covariance = self.memory.tempered(self.monitor.level).covariance()
+        covariance = self._white_covariance()
         return self.trust.widened(covariance, self.since)
+
+    def _white_covariance(self) -> FloatArray:
+        """Return the covariance (p, p) if the residuals are white."""
+        return self.memory.tempered(self.monitor.variance).covariance()
 
     @property
     def duration_s(self) -> float:
@@ -362,8 +366,11 @@ class Recursion:
 
     def _solve(self) -> bool:
         """Solve for the state; if that is impossible, restart at the prior and return False."""
+        is_few = (
+            self.monitor.doubt > 1.0
+        )  # then the prior outweighs the data by as much as is stated
         try:
-            mean = self.memory.information.mean()
+            mean = self.memory.tempered(self.monitor.variance if is_few else 1.0).mean()
             if not np.isfinite(mean).all():
                 raise EstimatorError("the estimate is not finite")
         except EstimatorError as error:
@@ -458,17 +465,22 @@ class Recursion:
     def _learn_level(self) -> None:
         self._level_due = False
         monitor, known = self.monitor, self.monitor.level
-        levels, dof = self.memory.residual_levels(self.x, LEVEL_BLOCKS)
-        monitor.learn_level(levels, dof, self.memory.fitted() * (self.since <= LEVEL_BLOCKS))
-        memory, level = self.memory, monitor.level
-        white = memory.tempered(level).covariance()
-        self.trust.judge(self.problem, *memory.rows_at(self.x), level, white)
+        # few windows move the state towards the prior, whose residuals are no noise
+        at = self.x if monitor.doubt == 1.0 else self.memory.information.mean()
+        levels, dof = self.memory.residual_levels(at, LEVEL_BLOCKS)
+        fitted = self.memory.fitted() * (self.since <= LEVEL_BLOCKS)
+        monitor.learn_level(levels, dof, fitted, is_held=not self.problem.is_free)
+        if monitor.doubt > 1.0 and not self._solve():
+            return
+        rows, white = self.memory.rows_at(self.x), self._white_covariance()
+        self.trust.judge(self.problem, *rows, monitor.level, white, monitor.doubt)
         bodies = self.problem.names[: self.problem.bodies.stop]
-        words = in_words_of_likeness(white, self.covariance(), bodies)
+        words = in_words_of_likeness(white, self.covariance(), bodies) * self.trust.alike
         if words and not self._alike:
             self._events.append(("medium", "NOISE_CORRELATED", words))
         self._alike = bool(words)
-        if self.pacing.settled and monitor.level > 1.0 and known == 1.0:
+        is_loud = monitor.level > 1.0 == monitor.doubt  # few windows show a level by chance
+        if self.pacing.settled and is_loud and known == 1.0:
             ratio = np.sqrt(monitor.level)
             text = (
                 f"residuals are {ratio:.2f} times the declared noise; sigmas follow the residuals"

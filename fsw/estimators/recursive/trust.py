@@ -32,7 +32,17 @@ REPEATS = 0.5  # of the limit of a lasting correlation: to count repetitions in 
 UNEXPLAINED = 0.05  # share of a held arm's torques that may be unmodelled friction and the like
 GATED_SHARE = 0.25  # of the blocks; if more do not fit, they are not outliers
 _STATE = (
-    *("_judged", "_left_out", "unexplained", "_lasting", "slow", "colour", "excess", "against"),
+    *(
+        "_judged",
+        "_left_out",
+        "unexplained",
+        "_lasting",
+        "slow",
+        "colour",
+        "alike",
+        "excess",
+        "against",
+    ),
     "suspect",
 )
 
@@ -51,6 +61,7 @@ class Trust:
     Attributes
     ----------
     slow, colour : the residuals' slow power, and correlation between blocks, each with its limit
+    alike : whether one of them is beyond its limit
     excess : (p, p) long-run covariance of the score that the residuals' likeness adds; None: white
     unexplained : rms of the residual torques over that of the torques, on a base that is held
     against : what neither noise nor likeness explains in the residuals; empty: nothing
@@ -61,7 +72,7 @@ class Trust:
     def __init__(self, *, suspect: bool = False) -> None:
         self.slow, self.colour = (1.0, float("inf")), (0.0, 1.0)
         self.excess: FloatArray | None = None
-        self.against = ""
+        self.against, self.alike = "", False
         self.unexplained = float("inf")
         self._judged = self._left_out = 0  # numbers of blocks
         self.suspect, self._lasting = suspect, 0  # successive blocks with a mismatch
@@ -73,6 +84,7 @@ class Trust:
         blocks: Sequence[Block],
         level: float,
         white: FloatArray,
+        doubt: float = 1.0,
     ) -> None:
         """Judge the rows of blocks at their estimate, oldest first.
 
@@ -80,17 +92,18 @@ class Trust:
         ----------
         level : variance of the noise over the declared one
         white : (p, p) covariance of the estimate if the residuals are white
+        doubt : factor on the noise's variance in `white`, because few windows have shown it
         """
         residuals, nodes, is_free = [one.b for one in rows], problem.nodes, problem.is_free
         torques = [one.torques for one in rows]
         besides = besides_torques(residuals, torques, nodes, is_free=is_free)
         self.unexplained = float("inf") if is_free else unexplained(rows, blocks, nodes)
-        A = [one.A for one in rows]
+        A = [doubt**-0.5 * one.A for one in rows]
 
         def cost(*, repeats: bool) -> Likeness:
             return likeness(A, residuals, white, level, nodes, repeats=repeats)
 
-        self.learn(residuals, level, besides, cost)
+        self.learn(residuals, level, besides, cost, few=doubt > 1.0)
 
     def learn(
         self,
@@ -98,6 +111,8 @@ class Trust:
         level: float,
         besides: Sequence[FloatArray] = (),
         cost: Cost | None = None,
+        *,
+        few: bool = False,
     ) -> None:
         """Judge whitened residuals, block by block, oldest first.
 
@@ -106,11 +121,14 @@ class Trust:
         level : variance of the noise over the declared one
         besides : those of the rows that are no torques and therefore must be white
         cost : computes what likeness costs; called where the residuals are alike
+        few : whether there are too few blocks to find this out: then likeness costs what they show
         """
         self.slow, self.colour = slow_power(residuals, level), colour(residuals)
         self.excess, self._judged = None, len(residuals)
-        self.against = ""
-        if not _beyond(self.slow, self.colour):
+        self.against, self.alike = "", _beyond(self.slow, self.colour)
+        if not self.alike:
+            if few and cost is not None and len(residuals) > 1:
+                self.excess = cost(repeats=False).excess
             return
         lasts, limit = lasting(residuals)
         repeats = lasts > REPEATS * limit and not besides and cost is not None

@@ -153,3 +153,24 @@ def test_a_reference_that_is_refused_names_the_joint_and_what_to_declare(
     assert "the reference does not fit" in said
     assert re.search(r"the torque of joint\d fits worst: residuals of [\d.]+ N m", said)
     assert "torque_model_sigma_nm" in said
+
+
+@pytest.mark.parametrize(("seconds", "is_enough"), [("1.7", False), ("5", True)])
+def test_a_few_seconds_give_a_mass_of_use_and_every_command_says_so(
+    seconds: str, is_enough: bool, tmp_path: Path, capsys
+) -> None:
+    """Four windows are too few, twelve are not, and sigma counts that they are few."""
+    config = configured(tmp_path, "arm_sensor")
+    recording = recorded(config, table(3, 1.4), "arm")
+    batch = identified(capsys, config, recording, "--to", seconds)
+    main(["replay", str(recording), "--config", str(config), "--json", "--to", seconds])
+    recursion = json.loads(capsys.readouterr().out)
+    assert batch["reasons"] == recursion["reasons"]
+    assert ("TOO_FEW_BLOCKS" in batch["reasons"]) != is_enough
+    assert "windows show the noise of the joints" in batch["note"]
+    if is_enough:
+        assert set(batch["reasons"]) <= {"INSUFFICIENT_EXCITATION"}
+        for found in (batch, recursion):
+            mass, sigma = (found[key]["target"]["mass_kg"] for key in ("estimate", "sigma"))
+            assert abs(mass - 1.4) < 3.0 * sigma
+            assert found["diagnosis"]["parameters"]["target"]["mass_kg"] == "measured"
