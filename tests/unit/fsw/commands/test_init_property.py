@@ -85,9 +85,10 @@ def test_what_no_bus_can_have_is_one_line(tmp_path, flags, words):
 @pytest.mark.parametrize("rate_hz", [20, 250, 1000, 2000])
 @pytest.mark.parametrize("joints", [1, 13, 30, 40])
 def test_many_joints_are_spread_over_buses(tmp_path, monkeypatch, joints, rate_hz):
-    # of 40 joints the dry update takes a minute, and the costs of effects five seconds
+    # the dry update of 40 joints takes a minute, the costs of effects seconds: one rate has these
     monkeypatch.setattr(configuration, "rehearse", lambda *_: None)
-    monkeypatch.setattr(check, "told", lambda *_: [])
+    if rate_hz != 20:
+        monkeypatch.setattr(check, "told", lambda *_: [])
     usual = f"--unknown target --base clamped --imu none --tracker none --rate-hz {rate_hz}"
     assert made(tmp_path, arm_urdf(joints), f"{usual} --target-mass-kg 2")[0] == 0
     assert main(["check", str(tmp_path / "robot.yaml")]) == 0
