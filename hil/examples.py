@@ -11,6 +11,7 @@ EXAMPLES = {
     "kills": "hil kills --count 20 --out runs/kills",
     "transfers": "hil transfers --count 20 --out runs/transfers",
     "alarms": "hil alarms --scenario target_leo --samples 100 --bytes 10 --out runs/alarms",
+    "lies": "hil lies --only exact --every 10 --out runs/lies",
     "mistakes": "hil mistakes --case target --only 'prior wrong and tight'",
     "imported": "hil imported --motion poses --first 100 --count 10",
     "rough": "hil rough --case target --count 50 --out runs/rough",

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from fsw.checks.comparison import with_found
+from fsw.checks.exact import exact_risks
 from fsw.checks.explanation import LARGE, Verdict, explain_residuals, unexplained
 from fsw.checks.recorded import (
     WRONG,
@@ -83,6 +84,7 @@ def check_recording(
     turned = [] if mounted or wrong else tracker_findings(config, watching.windows)
     lines += [f"{WRONG}{text}" for text in [*turned, *told]]
     lines += [f"doubtful: {text}" for text in filter(None, [verdict.doubtful])]
+    lines += exact_risks(trial)
     lines.append(_residual_words(verdict, config))
     return lines, not (wrong or ranged or found.wrong or turned or told or verdict.before > LARGE)
 

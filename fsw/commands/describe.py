@@ -219,6 +219,8 @@ def _estimate(config: Config, problem: Problem) -> list[str]:
         f"{', ' + ', '.join(nuisances) if nuisances else ''}",
         f"in doubt, estimated along: {', '.join(_doubts(config, problem)) or 'nothing'}",
         f"taken as exact: {', '.join(_certain(config, problem)) or 'nothing'}",
+        "  an error in it, or a slow change, moves the bodies and no sigma says so until residuals "
+        "show it; with a RECORDING, check says by how much",
         f"effects that are off: {', '.join(_off(config, problem)) or 'none'}",
         f"valid after {estimator.settle_blocks} windows "
         f"({estimator.settle_blocks * estimator.window_s:g} s) at the earliest",

@@ -177,6 +177,7 @@ class JointConfig(Section):
     speed_noise_rad_s: SpeedNoise | None = None  # 1 sigma of one sample; for encoder: speed
     start_rad: Turn | None = None  # for encoder: speed, angle before the first sample; None: 0
     zero_sigma_rad: AngleSigma = 2e-3  # 1 sigma of zero_offset_rad or start_rad; 0: exact
+    angle_scale_sigma_ratio: ScaleSigma = 0.0  # 1 sigma of the angle's scale; 0: exact
     link_sigma_ratio: ScaleSigma | None = None  # of the moved link; None: robot.links_sigma_ratio
 
     @model_validator(mode="before")

@@ -6,6 +6,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from fsw.config.base import InertiaVector, Mass, Position, ScaleSigma, Section, Vector3
+from fsw.config.devices import JointConfig
 from fsw.config.processing import EstimatorConfig
 
 METHODS_MODES = ("fused", "rda", "cm")
@@ -86,11 +87,19 @@ class ModeConfig(Section):
 
 
 def modes_go_with(
-    modes: Sequence[ModeConfig], estimator: EstimatorConfig, base_motion: str
+    modes: Sequence[ModeConfig],
+    joints: Sequence[JointConfig],
+    estimator: EstimatorConfig,
+    base_motion: str,
 ) -> None:
-    """Raise ValueError if there are modes and base, method or outside_wrench exclude them."""
+    """Raise ValueError if there are modes and joints, base, method or watch exclude them."""
     if not modes:
         return
+    scaled = next((joint.name for joint in joints if joint.angle_scale_sigma_ratio), None)
+    if scaled is not None:
+        raise ValueError(
+            f"joints[].angle_scale_sigma_ratio: of {scaled!r}; must be 0 where there are modes"
+        )
     if base_motion != "free":
         raise ValueError(f"modes: base.motion is {base_motion}; they need a free base")
     if estimator.method not in METHODS_MODES:

@@ -205,7 +205,7 @@ class Config(Section):
         if not self.imu.present and self.base.motion != "clamped":
             raise ValueError("imu: missing; only a clamped base does without an inertial unit")
         _base_goes_with(self.base, self.unknown, self.estimator, orbit=self.orbit is not None)
-        modes_go_with(self.modes, self.estimator, self.base.motion)
+        modes_go_with(self.modes, self.joints, self.estimator, self.base.motion)
         _bodies_have_their_keys(self.bodies, self.unknown)
         for i, bus in enumerate(self.buses):
             ratio = self.scheduler.tick_rate_hz / bus.rate_hz
@@ -315,6 +315,7 @@ def _speeds_are_enough(config: Config) -> None:
         "orbit": config.orbit is not None,
         "thrusters": bool(config.thrusters),
         "modes": bool(config.modes),
+        "joints[].angle_scale_sigma_ratio": any(j.angle_scale_sigma_ratio for j in config.joints),
         "estimator.outside_wrench": estimator.outside_wrench == "watch",
         "estimator.external_force_sigma_n": estimator.external_force_sigma_n > 0.0,
         "estimator.external_torque_sigma_nm": estimator.external_torque_sigma_nm > 0.0,

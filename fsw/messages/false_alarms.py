@@ -17,6 +17,7 @@ BLOCKS = 200  # windows of a flight: 80 s at 0.4 s; passes over the blocks are f
 SENSORS = 25  # sensors judged one by one: joints, accelerometer and gyro
 PRIOR_TESTS = 200  # groups of the prior times the independent looks at each of them
 PACES = 20_000  # bins of 0.05 s, and longer ones: of SYNC and its answers, of three kinds of nodes
+CHANGES = 60 * 6 * BLOCKS // 2  # constants of sensors, courses, and looks: every second window
 SAMPLES = 2_000_000  # samples of all channels: 19 channels at 500 Hz for 80 s, and spare
 
 SHARES: dict[str, float] = {
@@ -31,13 +32,17 @@ SHARES: dict[str, float] = {
     "sample": 5e-6,  # one sample left out of a window
     "health": 5e-6,  # stuck sensors, gyro against star tracker
     "pace": 5e-6,  # stamps of SYNC that creep: the bus's answers are refused
+    "drift": 1e-5,  # what is declared exact or constant creeps: MODEL_MISMATCH
 }
 DELAYS: dict[str, float] = {  # clean flights whose estimate becomes valid later
     "prior": 2e-3,  # a group of the prior contradicted: PRIOR_CONFLICT
+    "creep": 1e-1,  # sigma is wider by a change that shows and is none
 }
 TESTS: Mapping[str, int] = {
     "sensor": BLOCKS * SENSORS,
     "prior": PRIOR_TESTS,
+    "drift": CHANGES,
+    "creep": CHANGES,
     "sample": SAMPLES,
     "pace": PACES,
     "health": SAMPLES,

@@ -9,6 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hil.evidence.lies import command as lies
 from hil.options import count, count_or_none, seed
 
 if TYPE_CHECKING:
@@ -112,6 +113,7 @@ def _add_alarms(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     alarms.add_argument("--out", type=Path, metavar="DIR", help="keep the flights and resume")
     alarms.add_argument("--json", action="store_true", dest="as_json", help="print one JSON object")
     alarms.set_defaults(function="hil.evidence.alarms.command:run")
+    lies.add_parser(commands)
 
 
 def _add_real(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:

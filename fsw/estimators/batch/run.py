@@ -32,7 +32,12 @@ from fsw.estimators.batch.solver import (
 from fsw.estimators.measurement.compensated import block_sums, compensated_mean, no_sums
 from fsw.estimators.measurement.first_rate import at_first_rate
 from fsw.estimators.measurement.mrnea import Rows
-from fsw.estimators.measurement.row_functions import Linearisation, row_function, stack
+from fsw.estimators.measurement.row_functions import (
+    Linearisation,
+    row_function,
+    stack,
+    watched_rows,
+)
 from fsw.estimators.model.building import build_problem, robot_of
 from fsw.estimators.model.problem import IMPLAUSIBLE, Problem
 from fsw.estimators.plausible import plausible
@@ -257,13 +262,15 @@ def _likelihood(
     stated, contradicted = problem, False
     conflicts: list[Widened] = []
     linear = Linearisation(row_function(method, "eiv", problem), blocks)
+    rows = watched_rows(problem) if method == "fused" else None
+    watch = None if rows is None else Linearisation(rows, blocks)
     start = problem.prior_mean
     if method in WARM:
         start = _warm_start(problem, method, blocks, gate_probability)
     first = next((block for block in blocks if block.has_gyro and block.has_attitude), blocks[0])
     start = at_first_rate(first, start, problem)
     for more in reversed(range(WIDENINGS)):
-        settled = settle(problem, linear, blocks, gate_probability, progress, start)
+        settled = settle(problem, linear, blocks, gate_probability, progress, start, watch)
         solution = settled.solution
         if solution.status == "ABORTED" or method in CURVED:
             break

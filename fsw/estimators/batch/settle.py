@@ -9,6 +9,7 @@ from scipy.special import chdtri
 
 from fsw.estimators.batch.plain import BatchSolution
 from fsw.estimators.batch.solver import Progress, Target, minimise
+from fsw.estimators.creep import Scores, changes, worst_change
 from fsw.estimators.few_windows import FEW_WINDOWS
 from fsw.estimators.few_windows import in_words as few_in_words
 from fsw.estimators.likeness import in_words
@@ -49,8 +50,12 @@ def settle(
     gate_probability: float,
     progress: Progress | None,
     start: FloatArray | None,
+    watch: Linearisation | None = None,
 ) -> Settled:
-    """Solve, leave out blocks that do not fit, and repeat until the same blocks are left out."""
+    """Solve, leave out blocks that do not fit, and repeat until the same blocks are left out.
+
+    `watch`: rows of the same blocks with the columns of what might creep.
+    """
     fits, scattered = [True] * len(blocks), ""
     noise = before = InnovationMonitor(0.0)
     for more in reversed(range(GATE_ROUNDS)):
@@ -80,6 +85,11 @@ def settle(
     if solution.status != "ABORTED":
         rows = list(compress(linear(solution.mean), fitted))
         trust.judge(problem, rows, used, level, white, noise.doubt)
+        if watch is not None:
+            seen = list(compress(watch(solution.mean), fitted))
+            scores = [Scores.of(s.A, s.b, s.watched) for s in seen if s.watched is not None]
+            origin = np.zeros_like(solution.mean)
+            trust.watch(worst_change(changes(problem, scores, origin, white, level)))
     covariance = trust.widened(white, len(left))
     alike = in_words(white, covariance, problem.names[: problem.bodies.stop]) * trust.alike
     no_body = solution.note * (solution.status not in ("NOT_CONVERGED", "ABORTED"))

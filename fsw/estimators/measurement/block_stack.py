@@ -137,6 +137,13 @@ class BlockStack:
         other.q_rad = self.q_rad + by_rad
         return other
 
+    def scaled(self, by: FloatArray) -> BlockStack:
+        """Return the same blocks with angles, rates and accelerations of the joints times (n,)."""
+        other = copy(self)
+        other.q_rad, other.qd_rad_s = self.q_rad * by, self.qd_rad_s * by
+        other.qdd_rad_s2 = self.qdd_rad_s2 * by
+        return other
+
     def doubted(self, by_rad2: FloatArray) -> BlockStack:
         """Return the same blocks with variance (B, n) of noisy angles added, common to nodes."""
         other, of_angles = copy(self), slice(2 * self.m, 3 * self.m)

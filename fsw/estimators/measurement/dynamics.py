@@ -9,7 +9,7 @@ import numpy as np
 
 from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.measurement.impulse import external_force, pulled
-from fsw.estimators.measurement.mounting import gyro_turn
+from fsw.estimators.measurement.mounting import gyro_turn, needs_angle_columns
 from fsw.estimators.measurement.prediction import Rate
 from fsw.estimators.measurement.wheels import Wheels
 from fsw.estimators.model.problem import Problem, present
@@ -87,7 +87,7 @@ def dynamics(
     if Y_field is not None:
         Y -= Y_field
     by_angle = h_by_angle = None
-    if s.angles_are_noisy or present(problem.at("joint_zero")) or present(problem.at("mode_start")):
+    if s.angles_are_noisy or needs_angle_columns(problem) or present(problem.at("mode_start")):
         by_angle, h_by_angle = np.empty((*H.shape[:2], n)), np.empty((N, 6, n))
         for i in range(N):
             by_angle[i] = model.angle_derivative(q[i], w[i], qd[i], a[i])

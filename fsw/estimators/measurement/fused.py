@@ -96,7 +96,8 @@ def predict(
         J[:, rows, states] += tau[:, rows, None] * np.eye(len(gain))
         tau[:, rows] *= gain
     if D_q is not None:
-        fill_angle_columns(J, D_q, s, problem)
+        by_motion = D_q, D[:, :, n + 3 : 2 * n + 3], D[:, :, :n]
+        fill_angle_columns(J, by_motion, s, x, problem)
     for states, rows in problem.sensed("torque_offset", "wrench_offset"):
         tau[:, rows] += x[states]
         J[:, rows, states] += np.eye(states.stop - states.start)

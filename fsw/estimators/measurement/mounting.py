@@ -68,7 +68,9 @@ def fill_gyro_columns(
 
 
 def as_true(s: BlockStack, x: FloatArray, problem: Problem) -> BlockStack:
-    """Return the blocks with the joints' angles corrected by the state's zeros and walks."""
+    """Return the blocks with the joints' angles corrected by scales, zeros and walks."""
+    if present(problem.at("joint_scale")) and x[problem.at("joint_scale")].any():
+        s = s.scaled(1.0 + x[problem.at("joint_scale")])
     if problem.walks is not None:
         walked = problem.walks.moved(x[problem.at("joint_walk")], s.walks_at_nodes)
         return s.shifted(x[problem.at("joint_zero")] + walked)
@@ -77,10 +79,29 @@ def as_true(s: BlockStack, x: FloatArray, problem: Problem) -> BlockStack:
     return s.shifted(x[problem.at("joint_zero")])
 
 
-def fill_angle_columns(J: FloatArray, D_q: FloatArray, s: BlockStack, problem: Problem) -> None:
-    """Add to J (N, r, p) the derivatives by zeros and walks, through the angles, D_q (N, r, n)."""
-    if present(problem.at("joint_zero")):
-        J[:, :, problem.at("joint_zero")] += D_q
+def needs_angle_columns(problem: Problem) -> bool:
+    """Return whether states act through the joints' angles, besides walks and modes."""
+    return present(problem.at("joint_zero")) or present(problem.at("joint_scale"))
+
+
+def fill_angle_columns(
+    J: FloatArray,
+    D: tuple[FloatArray, FloatArray, FloatArray],
+    s: BlockStack,
+    x: FloatArray,
+    problem: Problem,
+) -> None:
+    """Add to J (N, r, p) the derivatives by scales, zeros and walks of the joints' angles.
+
+    `D` are the derivatives (N, r, n) by angles, rates and accelerations; `s` has the true motion.
+    """
+    D_q, zeros, scales = D[0], problem.at("joint_zero"), problem.at("joint_scale")
+    if present(zeros):
+        J[:, :, zeros] += D_q
+    if present(scales):
+        motion = s.q_rad - (x[zeros] if present(zeros) else 0.0), s.qd_rad_s, s.qdd_rad_s2
+        whole = sum(gains * own[:, None] for gains, own in zip(D, motion, strict=True))
+        J[:, :, scales] += whole / (1.0 + x[scales])
     if problem.walks is not None:
         shares = problem.walks.shares(s.walks_at_nodes)
         own = D_q[:, :, problem.walks.joints, None] * shares[:, None]

@@ -20,6 +20,7 @@ from fsw.estimators.measurement.mounting import (
     fill_angle_columns,
     fill_gyro_columns,
     gyro_turn,
+    needs_angle_columns,
     turn,
 )
 from fsw.estimators.measurement.wheels import Wheels, turning
@@ -37,6 +38,7 @@ class Rows:
     after: Impulse | None = None  # momentum gained up to the block's end; see `impulse`
     root: FloatArray | None = None  # (k, k) lower root of the noise covariance that whitens
     use: NDArray[np.bool_] | None = None  # (n + 6,) channels at each node: torque, force, rate
+    watched: FloatArray | None = None  # (k, q) whitened columns of what might creep; see `creep`
 
     @property
     def torques(self) -> int:
@@ -152,8 +154,9 @@ def stacked_mrnea_rows(
     _nuisance_columns(X, tau, gain, (H, G_w), x, problem)
     fill_columns(X[:, 6:], problem.torque_terms, s.accelerated(acceleration[:, 6:]))
     _mounting_columns(X, x, (w, acceleration, G), (H, G_w, G_wd), problem)
-    if present(problem.at("joint_zero")):
-        fill_angle_columns(X, _by_angle(s, w, acceleration, problem, more), s, problem)
+    if needs_angle_columns(problem):
+        D_q = _by_angle(s, w, acceleration, problem, more)
+        fill_angle_columns(X, (D_q, C[:, :, 6:], H[:, :, 6:]), s, x, problem)
     if outside is not None:
         X -= outside[1]
     if wheels is not None:

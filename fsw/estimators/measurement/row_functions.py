@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import groupby
 
 import numpy as np
@@ -12,7 +13,7 @@ from fsw.estimators.measurement.fused import stacked_fused_rows
 from fsw.estimators.measurement.impulse import Impulse
 from fsw.estimators.measurement.mrnea import Rows, stacked_mrnea_rows
 from fsw.estimators.measurement.prediction import CHANNELS, Rate
-from fsw.estimators.model.problem import Problem, present
+from fsw.estimators.model.problem import Problem, Watched, present
 from fsw.estimators.valves import changes
 from fsw.messages import Block, FloatArray
 from fsw.messages.errors import EstimatorError
@@ -90,6 +91,26 @@ class _Fused(RowsFunction):
         return stacked_fused_rows(s, x, problem, channels, rate, before)
 
 
+class _Watched(RowsFunction):
+    """Rows with the columns of what might creep beside them."""
+
+    def __init__(self, problem: Problem, watched: Watched) -> None:
+        names = watched.problem.names
+        self._own = np.array([names.index(name) for name in problem.names], np.intp)
+        self._size, self._columns = len(names), watched.columns
+        self._rows = _Fused(watched.problem, CHANNELS, "momentum")
+
+    def stacked(self, s: BlockStack, x: FloatArray, before: Impulse | None = None) -> list[Rows]:
+        """Return the rows; what is declared exact is as declared."""
+        at = np.zeros(self._size)
+        at[self._own] = x
+        found = self._rows.stacked(s, at, before)
+        return [
+            replace(one, A=one.A[:, self._own].copy("C"), watched=one.A @ self._columns)
+            for one in found
+        ]
+
+
 class _Mrnea(RowsFunction):
     """MRNEA; RDA for blocks in which the measurement of a base row, or a torque, is missing."""
 
@@ -127,6 +148,11 @@ class _Energy(RowsFunction):
         if s.has_joint.all():
             return stacked_energy_rows(s, x, self._problem)
         return self._otherwise.stacked(s, x, before)
+
+
+def watched_rows(problem: Problem) -> RowsFunction | None:
+    """Return the rows of `fused` with the columns of what might creep; None: nothing is watched."""
+    return None if problem.watched is None else _Watched(problem, problem.watched)
 
 
 def row_function(method: str, weighting: str, problem: Problem) -> RowsFunction:

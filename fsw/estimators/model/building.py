@@ -1,9 +1,12 @@
 """From a configuration to the estimation problem: priors, order of joints, layout of the state."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel
 
 from fsw.config import BaseConfig, BodyConfig, Config
 from fsw.estimators.effects.joint_torque import terms_of
@@ -19,7 +22,7 @@ from fsw.estimators.model.inertia import (
 )
 from fsw.estimators.model.modes import with_modes
 from fsw.estimators.model.orbit import CircularOrbit
-from fsw.estimators.model.problem import Problem, Thrusters
+from fsw.estimators.model.problem import Problem, Thrusters, Watched
 from fsw.estimators.model.robot import Hold, RobotModel
 from fsw.estimators.model.state_group import Setting
 from fsw.estimators.model.state_groups import GROUPS
@@ -27,6 +30,9 @@ from fsw.estimators.model.walks import walks_of
 from fsw.estimators.rotation import rotation_from_xyzw
 from fsw.messages import Block, FloatArray
 from fsw.messages.errors import ConfigError
+
+S = TypeVar("S", bound=BaseModel)
+NOTHING_EXACT = 1e-3  # sigma of what is watched; any positive value gives the same columns
 
 
 def body_prior(body: BodyConfig) -> tuple[FloatArray, FloatArray]:
@@ -178,11 +184,53 @@ def build_problem(
 
     `exact`: known bodies, zeros of the joints and the inertial unit's mounting are as configured.
     `blocks`: the random walks of integrated angles cover these blocks; if empty, see `walks_of`.
+    Where the likelihood of a free robot is judged and a sensor is exact, what creeps is watched.
 
     Raises
     ------
     ConfigError if the joints do not match the robot's.
     """
+    problem = _problem_of(config, model, exact, blocks)
+    if exact or config.modes or not problem.is_free or config.estimator.is_regression:
+        return problem
+    doubted = _problem_of(_in_doubt(config), model, exact, blocks)
+    columns, one = dict[str, FloatArray](), np.eye(len(doubted.names))
+    for group in GROUPS:
+        own = (
+            range(*doubted.at(group.name).indices(len(one))) if group.is_constant_of_sensor else ()
+        )
+        columns |= {doubted.names[k]: one[k] for k in own}
+        if len(own) > 1:
+            columns[group.name] = one[own].sum(axis=0)
+    if all(name in problem.names or "." not in name for name in columns):
+        return problem
+    watched = Watched(doubted, tuple(columns), np.stack(list(columns.values()), axis=1))
+    return replace(problem, watched=watched)
+
+
+def _in_doubt(config: Config) -> Config:
+    """Return the configuration with no constant of joints or inertial unit exact."""
+    joints, imu = dict[str, float](), dict[str, float]()
+    for group in GROUPS:
+        if group.is_constant_of_sensor and group.applies_to(config):
+            section, _, key = group.key.partition(".")
+            own = {"joints[]": joints, "imu": imu}.get(section, {})
+            own[key] = NOTHING_EXACT
+    return config.model_copy(
+        update={
+            "joints": tuple(_doubted(joint, joints) for joint in config.joints),
+            "imu": _doubted(config.imu, imu),
+        }
+    )
+
+
+def _doubted(section: S, sigmas: Mapping[str, float]) -> S:
+    """Return a section with sigmas where it has none."""
+    absent = {key: sigma for key, sigma in sigmas.items() if getattr(section, key) == 0.0}
+    return section.model_copy(update=absent)
+
+
+def _problem_of(config: Config, model: RobotModel, exact: bool, blocks: Sequence[Block]) -> Problem:
     joints = [config.joints[k] for k in joint_order(config, model)]
     walks = walks_of(config, joint_order(config, model), blocks)
     unknown = ordered(config.unknown)

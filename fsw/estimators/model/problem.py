@@ -85,6 +85,15 @@ class Thrusters:
         return Thrusters(ways, times[:, 0], times[:, 1])
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Watched:
+    """Constants of the sensors that might creep; see `creep`."""
+
+    problem: Problem  # in which none of them is exact
+    names: tuple[str, ...]  # of states in it; a group's name is all its states at once
+    columns: FloatArray  # (p, q) of its states, for each name
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Problem:
     """Everything the measurement functions need besides the data.
@@ -122,6 +131,7 @@ class Problem:
     liquid: FloatArray  # (p, p) covariance that liquid in the bodies adds to the published one
     walks: Walks | None = None  # None: no encoder gives speed only
     modes: Modes | None = None  # None: no modes, or this problem's robot has them as joints
+    watched: Watched | None = None  # constants of sensors; None: none is exact, nothing is watched
 
     def at(self, group: str) -> slice:
         """Return the states of a group; empty if it is not part of the state.

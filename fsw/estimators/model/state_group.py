@@ -85,6 +85,12 @@ class StateGroup:
         return key if section == "joints" else ""
 
     @property
+    def is_constant_of_sensor(self) -> bool:
+        """Return whether the states are constants of joints or inertial unit, such as a bias."""
+        section, _, name = self.key.partition(".")
+        return section in ("joints[]", "imu") and "_sigma_" in name
+
+    @property
     def is_exact_if_absent(self) -> bool:
         """Return whether data count as exact without the states; else an effect is left out."""
         return self.is_judged or not self.is_published

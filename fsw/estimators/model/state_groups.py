@@ -155,6 +155,18 @@ GROUPS = (
         is_repeated=True,
         mistake="zero_offset_rad of joints",
     ),
+    StateGroup(  # true angle, before its zero, over the measured one, less 1
+        name="joint_scale",
+        effect="scales of the joints' angles",
+        unit="",
+        key="joints[].angle_scale_sigma_ratio",
+        cause="scales of angles",
+        prior=per_joint("angle_scale_sigma_ratio"),
+        is_possible=lambda config: not config.modes,
+        is_calibration=True,
+        is_judged=False,
+        is_repeated=True,
+    ),
     StateGroup(  # true place less p_BS_m
         name="imu_place",
         effect="place of the inertial unit",

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fsw.estimators.creep import Scores
 from fsw.estimators.measurement.impulse import Impulse
 from fsw.estimators.measurement.mrnea import Rows
 from fsw.estimators.recursive.snapshot import (
@@ -55,6 +56,16 @@ class _Stored:
     made: bool = True
     root: FloatArray | None = None
     use: NDArray[np.bool_] | None = None
+    scores: Scores | None = None
+    fresh: Scores | None = None  # of a pass under way, which the estimate does not have yet
+
+    def take(self, rows: Rows, at: FloatArray, *, in_pass: bool) -> None:
+        """Replace the rows by those made at a state."""
+        self.A, self.c, self.made = rows.A, rows.b + rows.A @ at, True
+        self.root, self.use = rows.root, rows.use
+        if rows.watched is not None:
+            found = Scores.of(rows.A, self.c, rows.watched)
+            self.scores, self.fresh = (self.scores, found) if in_pass else (found, None)
 
     def into(self, information: SquareRootInformation) -> SquareRootInformation:
         return information.update(self.weight * self.A, self.weight * self.c)
@@ -132,11 +143,10 @@ class Memory:
 
         A block of weight 0 adds no information: it only propagates momentum and modes.
         """
-        c = rows.b + rows.A @ at
-        stored = _Stored(block, rows.A, c, at, self.gained, rows.after, weight)
-        stored.root, stored.use = rows.root, rows.use
+        stored = _Stored(block, rows.A, rows.b, at, self.gained, rows.after, weight)
+        stored.take(rows, at, in_pass=False)
         self.gained = rows.after
-        self.rows += len(c) if weight else 0
+        self.rows += len(rows.b) if weight else 0
         self.data = stored.into(self.data)
         self._combine()
         if not keep:
@@ -169,8 +179,7 @@ class Memory:
             if new is None:
                 self._failures += 1
             else:
-                stored.A, stored.c, stored.made = new.A, new.b + new.A @ self.at, True
-                stored.root, stored.use = new.root, new.use
+                stored.take(new, self.at, in_pass=True)
                 # a copy, so that memory does not grow once passes have ended
                 stored.at, stored.before = self.at.copy(), self._gained_in_pass
                 stored.after = new.after
@@ -180,6 +189,8 @@ class Memory:
             if self._visited < self._total:
                 return False
         self.data, self._pass = self._pass, None
+        for stored in self._store:
+            stored.scores, stored.fresh = stored.fresh or stored.scores, None
         self.gained = self._gained_in_pass
         self.failed = self._failures
         self.passes += 1
@@ -267,8 +278,7 @@ class Memory:
         if not stored.made and self._rows_of is not None:
             made = self._rows_of(stored.block, stored.at, stored.before)
             if made is not None:
-                stored.A, stored.c = made.A, made.b + made.A @ stored.at
-                stored.root, stored.use = made.root, made.use
+                stored.take(made, stored.at, in_pass=self.in_pass)
             stored.made = True
         return stored
 
@@ -284,6 +294,15 @@ class Memory:
         used = [stored for stored in every if len(stored.c)]
         rows = [Rows(s.weight * s.A, s.c - s.A @ x, None, s.root, s.use) for s in used]
         return rows, [s.block for s in used]
+
+    def scores(self) -> list[Scores]:
+        """Return the products of the stored blocks with what might creep, oldest first.
+
+        Nothing while those of the estimate are not at hand: after a restart within a pass.
+        """
+        every = [(s.weight, self._with_rows(s).scores) for s in self._store if s.weight]
+        known = [own.weighted(weight) for weight, own in every if own is not None]
+        return known if len(known) == len(every) else []
 
     def tempered(self, level: float) -> SquareRootInformation:
         """Return the information if the data's noise variance is `level` times the declared one."""

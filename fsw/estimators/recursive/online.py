@@ -14,7 +14,7 @@ import numpy as np
 
 from fsw.config import Config, EstimatorConfig
 from fsw.estimators.diagnosis import diagnose, plain
-from fsw.estimators.measurement.row_functions import RowsFunction, row_function
+from fsw.estimators.measurement.row_functions import RowsFunction, row_function, watched_rows
 from fsw.estimators.model.building import build_problem, robot_of
 from fsw.estimators.model.mobility import by_mobility, is_bent
 from fsw.estimators.model.problem import IMPLAUSIBLE, Problem
@@ -341,5 +341,7 @@ def build_online(
     if settings.method == "mrnea" and settings.weighting == "bc":
         return BiasCompensatedEstimator(problem, settings)
     rows = row_function(settings.method, settings.weighting, problem)
+    if settings.method == "fused":
+        rows = watched_rows(problem) or rows
     false_alarm = config.health.false_alarm_probability
     return OnlineEstimator(problem, settings, rows, linear=linear, false_alarm=false_alarm)

@@ -18,6 +18,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from fsw.config import EstimatorConfig
+from fsw.estimators.creep import changes, worst_change
 from fsw.estimators.likeness import in_words as in_words_of_likeness
 from fsw.estimators.measurement.first_rate import at_first_rate
 from fsw.estimators.measurement.impulse import Impulse
@@ -40,6 +41,7 @@ from fsw.messages import Block, FloatArray
 from fsw.messages.errors import EstimatorError
 
 NOISE_BLOCKS = 4  # between two judgements of the sensors' noise
+WATCH_BLOCKS = 2  # between two looks for what creeps
 LEVEL_BLOCKS = 64  # newest blocks that determine the noise level
 ABSURD = 1e12  # normalised innovation squared per degree of freedom at which any block is rejected
 EVENT_LIMIT = 64
@@ -47,7 +49,7 @@ SAMPLES = 8  # stored blocks that show whether a pass is worth its time
 
 _STATE = (
     *("x", "blocks", "since", "gated", "changes", "span_ns", "q_rad", "armed", "conflict"),
-    *("_check_due", "_level_due", "_rss", "_coloured", "_alike", "spared"),
+    *("_check_due", "_level_due", "_watch_due", "_rss", "_coloured", "_alike", "spared"),
 )
 
 EventWords = tuple[str, str, str]  # severity, code, text
@@ -116,7 +118,7 @@ class Recursion:
         self.pacing = Pacing(settled=self.linear, bound=bound)
         self.armed = self.conflict = self.spared = False
         self.trust = Trust()
-        self._check_due = self._level_due = False
+        self._check_due = self._level_due = self._watch_due = False
         self._rss = 0.0
         self.span_ns: tuple[int, int] | None = None
         if self.outside is not None:
@@ -200,14 +202,16 @@ class Recursion:
 
     @property
     def _after_pass(self) -> bool:
-        return self._level_due or self._check_due
+        return self._level_due or self._check_due or self._watch_due
 
     def work(self) -> None:
-        """Do one unit: learn the noise level, check the prior, begin a pass, or advance it."""
+        """Do one unit: learn the noise level, check the prior, look for what creeps, or a pass."""
         if self._level_due:
             self._learn_level()
         elif self._check_due:
             self._check_prior()
+        elif self._watch_due:
+            self._watch()
         elif self.memory.in_pass:
             self._advance_pass()
         else:
@@ -348,6 +352,7 @@ class Recursion:
         self.since += 1
         self.noise.note(block)
         self.span_ns = (self.span_ns[0] if self.span_ns else int(block.t_ns[0]), end_ns)
+        self._watch_due = self.problem.watched is not None and self.blocks % WATCH_BLOCKS == 0
         if not self._solve():
             return False
         residual, step = c - rows.A @ self.x, R @ (self.x - before)
@@ -386,6 +391,7 @@ class Recursion:
         without its events, with Page's sum at zero and no block in question.
         """
         mean = self._point()
+        self._watch()
         self.monitor.restart()
         opened = copy(self)
         opened.origin = copy(self.origin)
@@ -475,7 +481,8 @@ class Recursion:
         rows, white = self.memory.rows_at(self.x), self._white_covariance()
         self.trust.judge(self.problem, *rows, monitor.level, white, monitor.doubt)
         bodies = self.problem.names[: self.problem.bodies.stop]
-        words = in_words_of_likeness(white, self.covariance(), bodies) * self.trust.alike
+        likely = self.trust.likely(white, self.since)
+        words = in_words_of_likeness(white, likely, bodies) * self.trust.alike
         if words and not self._alike:
             self._events.append(("medium", "NOISE_CORRELATED", words))
         self._alike = bool(words)
@@ -486,6 +493,19 @@ class Recursion:
                 f"residuals are {ratio:.2f} times the declared noise; sigmas follow the residuals"
             )
             self._events.append(("medium", "NOISE_ABOVE_DECLARED", text))
+
+    def _watch(self) -> None:
+        """Look for what creeps; before the estimate has settled, the score shows the start."""
+        self._watch_due = False
+        if self.linear or not self.pacing.settled:
+            return
+        memory, level = self.memory, self.monitor.level
+        white = memory.tempered(level).covariance()
+        found = changes(self.problem, memory.scores(), self.x, white, level)
+        known = self.trust.creeping
+        self.trust.watch(worst_change(found))
+        if self.trust.creeping and not known:
+            self._events.append(("medium", "SENSOR_CREEPS", self.trust.creeping))
 
     def _learn_noise(self) -> None:
         """Add the noise that is found to covariances; all stored blocks are then re-linearised."""

@@ -12,6 +12,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from fsw.estimators.creep import Creep
 from fsw.estimators.likeness import (
     Likeness,
     besides_torques,
@@ -30,6 +31,7 @@ LASTING_BLOCKS = 4  # blocks of mismatch before a re-opening; a change of bodies
 SUSPECT_BLOCKS = 64  # blocks that a model must fit after a mismatch before it is trusted again
 REPEATS = 0.5  # of the limit of a lasting correlation: to count repetitions in vain costs little
 UNEXPLAINED = 0.05  # share of a held arm's torques that may be unmodelled friction and the like
+CREPT = "what changed before the estimate was re-opened crept, as a sensor does"
 GATED_SHARE = 0.25  # of the blocks; if more do not fit, they are not outliers
 _STATE = (
     *(
@@ -43,7 +45,7 @@ _STATE = (
         "excess",
         "against",
     ),
-    "suspect",
+    *("suspect", "creep", "creeping", "crept"),
 )
 
 
@@ -65,6 +67,9 @@ class Trust:
     excess : (p, p) long-run covariance of the score that the residuals' likeness adds; None: white
     unexplained : rms of the residual torques over that of the torques, on a base that is held
     against : what neither noise nor likeness explains in the residuals; empty: nothing
+    creep : (p, p) by how much a change that seems to be under way moves the estimate, squared
+    creeping : which change chance does not explain, where it does harm; empty: none
+    crept : the same of the estimate before the re-opening, whose sensors this one has
     suspect : whether the model had not fitted when the estimate was re-opened, or the data have
         contradicted the prior of a sensor, a known body or a mounting
     """
@@ -72,7 +77,9 @@ class Trust:
     def __init__(self, *, suspect: bool = False) -> None:
         self.slow, self.colour = (1.0, float("inf")), (0.0, 1.0)
         self.excess: FloatArray | None = None
-        self.against, self.alike = "", False
+        self.against = self.creeping = self.crept = ""
+        self.alike = False
+        self.creep: FloatArray | None = None
         self.unexplained = float("inf")
         self._judged = self._left_out = 0  # numbers of blocks
         self.suspect, self._lasting = suspect, 0  # successive blocks with a mismatch
@@ -104,6 +111,14 @@ class Trust:
             return likeness(A, residuals, white, level, nodes, repeats=repeats)
 
         self.learn(residuals, level, besides, cost, few=doubt > 1.0)
+
+    def watch(self, change: Creep | None) -> None:
+        """Judge the worst change that the residuals show, if they show any."""
+        self.creep = None if change is None else change.excess
+        if change is None:
+            self.creeping = ""
+        elif change.is_refused:
+            self.creeping = change.words()
 
     def learn(
         self,
@@ -143,6 +158,11 @@ class Trust:
                 self.against = f"two halves of the data disagree: {found:.0f}, limit {limit:.0f}"
 
     def widened(self, covariance: FloatArray, blocks: int) -> FloatArray:
+        """Return the covariance (p, p) of `blocks` blocks, wider by likeness and by what creeps."""
+        alike = self.likely(covariance, blocks)
+        return alike if self.creep is None else alike + self.creep
+
+    def likely(self, covariance: FloatArray, blocks: int) -> FloatArray:
         """Return the covariance (p, p) of `blocks` blocks, wider by what their likeness costs.
 
         The blocks that were judged show it; others cost the same each.
@@ -162,7 +182,8 @@ class Trust:
             words += (
                 f" and {self.unexplained:.0%} of the torques: friction or rotors may be missing"
             )
-        return "; ".join(filter(None, (words * self.is_large(level), self.against)))
+        large = words * self.is_large(level)
+        return "; ".join(filter(None, (large, self.against, self.creeping, self.crept)))
 
     def is_large(self, level: float) -> bool:
         """Return whether residuals are larger than noise and what it need not explain."""
@@ -187,7 +208,9 @@ class Trust:
     def successor(self, blocks: int, changes: int) -> Trust:
         """Return the trust after re-opening number `changes`, which came after `blocks` blocks."""
         soon = changes > 1 and blocks < SUSPECT_BLOCKS
-        return Trust(suspect=self._lasting > LASTING_BLOCKS or soon)
+        opened = Trust(suspect=self._lasting > LASTING_BLOCKS or soon)
+        opened.crept = self.creeping or self.crept or CREPT * (self.creep is not None)
+        return opened
 
     def snapshot(self) -> dict[str, Any]:
         """Return the state as plain values."""
@@ -198,7 +221,10 @@ class Trust:
         put(self, _STATE, values)
         self.slow = (float(self.slow[0]), float(self.slow[1]))
         self.colour = (float(self.colour[0]), float(self.colour[1]))
-        self.excess = None if self.excess is None else np.asarray(self.excess, np.float64)
+        self.excess, self.creep = (
+            None if own is None else np.asarray(own, np.float64)
+            for own in (self.excess, self.creep)
+        )
 
 
 def is_scattered(left_out: int, used: int) -> bool:

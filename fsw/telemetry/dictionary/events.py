@@ -32,6 +32,7 @@ _TABLE: tuple[tuple[int, str, Severity, str], ...] = (
     (24, "COMMAND_FAILED", _HIGH, "a command failed with an error nobody foresaw"),
     (25, "NOISE_CORRELATED", _MEDIUM, "noise is correlated in time; sigmas follow it"),
     (26, "CHANGE_REFUTED", _INFO, "a change was a false alarm; the estimate before it continues"),
+    (27, "SENSOR_CREEPS", _MEDIUM, "what is declared exact or constant changes within the run"),
     (30, "BATCH_DONE", _INFO, "the batch job has a result"),
     (31, "BATCH_FAILED", _MEDIUM, "the batch job has failed"),
     (32, "BATCH_ABORTED", _MEDIUM, "the batch job was aborted"),

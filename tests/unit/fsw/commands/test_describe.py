@@ -53,7 +53,9 @@ def test_what_a_regression_takes_as_exact_is_said_so(arm):
     config = load(arm.write())
     text = describe(config, validate(config)[0])
     assert_named(
-        text, "taken as exact: geometry of the arm, links, base, zeros of joints, place of"
+        text,
+        "taken as exact: geometry of the arm, links, base, zeros of joints, scales of the joints' "
+        "angles, place of",
     )
     assert "known bodies" not in text
 

@@ -10,7 +10,7 @@ from scipy import stats
 from fsw.config.health import HealthConfig
 from fsw.config.processing import EstimatorConfig
 from fsw.drivers.sources.sync_pace import STEADY, STEPS
-from fsw.estimators import reasons
+from fsw.estimators import creep, reasons
 from fsw.estimators.recursive import change, prior_groups
 from fsw.estimators.window_fit import GATE_SIGMAS
 from fsw.messages import false_alarms
@@ -36,6 +36,8 @@ def test_each_threshold_over_all_its_tests_has_its_share() -> None:
         ("sample", 2.0 * normal(GATE_SIGMAS), false_alarms.SAMPLES),
         ("change", change.CHANGE_RATE, blocks),
         ("pace", 2.0 * stats.t.sf(STEADY, STEPS - 1), false_alarms.PACES),
+        ("drift", 2.0 * normal(creep.REFUSED), false_alarms.CHANGES),
+        ("creep", 2.0 * normal(creep.NOTICED), false_alarms.CHANGES),
     ):
         assert chance * tests == pytest.approx(rate(check), rel=1e-6), check
 

@@ -1,0 +1,140 @@
+"""What creeps although the model says that it does not: sensors that lie slowly.
+
+A configuration that declares a gain, a zero or a mounting exact has no state for it. A slow change
+leaves the residuals almost white, because the bodies follow it; it shows in the score of the change
+itself. With whitened rows A and residuals b at the
+estimate, whose covariance is P, a change of q quantities with the whitened columns G in the course
+w (a weight for each block) has the score and its variance under a correct model
+
+    s = sum w G^T b        v = sum w^2 diag(G^T G) - diag(C P C^T)        C = sum w G^T A
+
+(Rao's test). The size s / v of the change moves the estimate by P C^T s / v. Courses are ramps that
+begin at five instants, and a constant for what is declared exact. The columns are those of every
+constant of joints and inertial unit, whether it is exact or a state.
+Source: Rao, Linear Statistical Inference (1973), 6e; Nyblom, J. Am. Stat. Assoc. 84 (1989) 223.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fsw.estimators.model.problem import Problem
+from fsw.messages import FloatArray
+from fsw.messages.false_alarms import sigmas
+
+ONSETS = (0.0, 0.2, 0.4, 0.6, 0.8)  # of the ramps, as shares of the blocks
+LEAST_BLOCKS = 8
+LEAST_OWN = 1e-4  # least share of a column's variance that the states leave to it
+NOTICED = sigmas("creep", sides=2)  # at which sigma follows a change that shows
+REFUSED = sigmas("drift", sides=2)  # at which a change that does harm is a mismatch
+HARM = 2.0  # sigmas by which such a change moves a body
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scores:
+    """Products of one block's whitened rows A (k, p), c (k,) with columns G (k, q)."""
+
+    GA: FloatArray  # (q, p)
+    Gc: FloatArray  # (q,)
+    GG: FloatArray  # (q,) diagonal
+
+    @staticmethod
+    def of(A: FloatArray, c: FloatArray, G: FloatArray) -> Scores:
+        """Return the products; b = c - A x at a state x."""
+        return Scores(G.T @ A, G.T @ c, np.einsum("kq,kq->q", G, G))
+
+    def weighted(self, weight: float) -> Scores:
+        """Return the products of rows and columns times a weight."""
+        if weight == 1.0:
+            return self
+        return Scores(weight**2 * self.GA, weight**2 * self.Gc, weight**2 * self.GG)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Creep:
+    """The change that does most harm among those that the residuals show.
+
+    Attributes
+    ----------
+    name : the state that seems to change
+    onset : where the change begins, as a share of the blocks; None: it is off from the start
+    sigmas : of its score
+    moved : (p,) by how much it moves the estimate
+    harm : the same of the bodies, in sigmas of the estimate
+    """
+
+    name: str
+    onset: float | None
+    sigmas: float
+    moved: FloatArray
+    harm: float
+
+    @property
+    def excess(self) -> FloatArray:
+        """Return the square of the movement (p, p) less what noise alone would show of it."""
+        return np.asarray(_share(self.sigmas) * np.outer(self.moved, self.moved), np.float64)
+
+    @property
+    def is_refused(self) -> bool:
+        """Return whether chance does not explain the change, and a body moves by it."""
+        return self.sigmas > REFUSED and self.harm > HARM
+
+    def words(self) -> str:
+        """Return the change for an operator."""
+        course = "is not as declared" if self.onset is None else "changes within the run"
+        return (
+            f"{self.name} {course} ({self.sigmas:.1f} of its own sigma), which moves a body by "
+            f"{self.harm:.1f} sigma"
+        )
+
+
+def worst_change(changes: Iterable[Creep]) -> Creep | None:
+    """Return the change that does most harm beyond noise; None: there is none."""
+    return max(changes, key=lambda one: one.harm * _share(one.sigmas) ** 0.5, default=None)
+
+
+def changes(
+    problem: Problem,
+    scores: Sequence[Scores],
+    x: FloatArray,
+    covariance: FloatArray,
+    level: float,
+) -> Iterator[Creep]:
+    """Yield what noise does not explain at the estimate of blocks, oldest first.
+
+    Parameters
+    ----------
+    covariance : (p, p) of the estimate if the residuals are white
+    level : variance of the noise over the declared one
+    """
+    count = len(scores)
+    if count < LEAST_BLOCKS or problem.watched is None:
+        return
+    GA = np.array([one.GA for one in scores]) / level
+    GG = np.array([one.GG for one in scores]) / level
+    score = np.array([one.Gc for one in scores]) / level - GA @ x
+    ramps = [np.maximum(np.arange(count) / count - onset, 0.0) for onset in ONSETS]
+    w = np.array([np.ones(count), *ramps])
+    C, s, whole = np.tensordot(w, GA, 1), w @ score, w**2 @ GG
+    v = whole - np.sum((C @ covariance) * C, axis=2)
+    shows = v > LEAST_OWN * whole
+    shows[0] &= [name not in problem.names for name in problem.watched.names]
+    sizes = np.where(shows, np.abs(s) / np.sqrt(np.where(shows, v, 1.0)), 0.0)
+    sigma = np.sqrt(np.diag(covariance)[problem.bodies])
+    for course, k in np.argwhere(sizes > NOTICED).tolist():
+        moved = covariance @ C[course, k] * (s[course, k] / v[course, k])
+        yield Creep(
+            name=problem.watched.names[k],
+            onset=(None, *ONSETS)[course],
+            sigmas=float(sizes[course, k]),
+            moved=moved,
+            harm=float(np.max(np.abs(moved[problem.bodies]) / sigma)),
+        )
+
+
+def _share(sigmas: float) -> float:
+    """Return the share of a squared change that noise does not explain."""
+    return max(0.0, 1.0 - (NOTICED / sigmas) ** 2)

@@ -1,0 +1,1 @@
+"""Sensors that lie slowly, and whether an estimate loses its validity before it is wrong."""
