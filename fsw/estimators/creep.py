@@ -92,7 +92,7 @@ class Creep:
 
 
 def worst_change(changes: Iterable[Creep]) -> Creep | None:
-    """Return the change that does most harm beyond noise; None: there is none."""
+    """Return the change that does most harm beyond noise; None if there are no changes."""
     return max(changes, key=lambda one: one.harm * _share(one.sigmas) ** 0.5, default=None)
 
 

@@ -36,7 +36,7 @@ SHARES: dict[str, float] = {
 }
 DELAYS: dict[str, float] = {  # clean flights whose estimate becomes valid later
     "prior": 2e-3,  # a group of the prior contradicted: PRIOR_CONFLICT
-    "creep": 1e-1,  # sigma is wider by a change that shows and is none
+    "creep": 1e-1,  # sigma is wider by a change that only seems to be there
 }
 TESTS: Mapping[str, int] = {
     "sensor": BLOCKS * SENSORS,

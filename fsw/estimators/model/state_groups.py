@@ -164,7 +164,6 @@ GROUPS = (
         prior=per_joint("angle_scale_sigma_ratio"),
         is_possible=lambda config: not config.modes,
         is_calibration=True,
-        is_judged=False,
         is_repeated=True,
     ),
     StateGroup(  # true place less p_BS_m
