@@ -9,7 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hil.evidence.lies import command as lies
+from hil.evidence.lies import arguments as lies
 from hil.options import count, count_or_none, seed
 
 if TYPE_CHECKING:

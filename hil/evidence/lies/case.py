@@ -18,6 +18,7 @@ from fsw.config import Config, load
 from fsw.estimators.recursive.online import build_online
 from fsw.messages import Estimate
 from hil.evidence.effects.samples import exact, noisy, rate_hz
+from hil.evidence.lies.arguments import DEFAULT
 from hil.evidence.lies.table import Lie, drawn
 from hil.evidence.methods.flight_side import write_config
 from hil.evidence.methods.sensed import Channels, condition
@@ -28,7 +29,6 @@ from hil.world.inertia import FloatArray
 
 FIRST_SEED = 1_000_000  # above the seeds of development
 FLIGHTS = 2  # clean flights of each scenario and doubt
-EXACT, DEFAULT = "exact", "default"
 REFUSED = ("MODEL_MISMATCH", "REOPENED", "NOT_CONSISTENT")  # false alarms of a clean flight
 STREAM = 151  # spawn key of the lies
 

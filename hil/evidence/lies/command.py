@@ -1,18 +1,17 @@
 """`hil lies`: how many valid outputs are wrong while a sensor lies slowly."""
 
-import argparse
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from hil.evidence import runner
-from hil.evidence.lies.case import DEFAULT, EXACT, FLIGHTS, Case, work
-from hil.evidence.lies.table import KINDS, VALUES, every
+from hil.evidence.lies.arguments import DEFAULT, EXACT, KINDS, SENSORS
+from hil.evidence.lies.case import FLIGHTS, Case, work
+from hil.evidence.lies.table import every
 from hil.evidence.provenance import commit
 from hil.evidence.store import Row, Store
 from hil.evidence.terminal import print_table
-from hil.options import count, seed
 from hil.world.scenario import ScenarioError
 
 SCENARIOS = ("target_leo", "base", "both")
@@ -23,31 +22,6 @@ NOTE = (
     "wrong: valid and beyond 5 of its own sigmas; harmful: beyond 5 sigmas of the same flight "
     "without the lie; caught: harmful, and no output wrong"
 )
-
-
-def add_parser(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Add the command."""
-    lies = commands.add_parser("lies", help="sensors that lie slowly: valid and wrong?")
-    lies.add_argument(
-        "--only",
-        action="append",
-        default=[],
-        choices=(*VALUES, *KINDS, EXACT, DEFAULT),
-        help="lies of this sensor, kind or doubt; may be repeated",
-    )
-    lies.add_argument(
-        "--every", type=count, default=1, metavar="N", help="one of N lies, evenly chosen; all 200"
-    )
-    lies.add_argument(
-        "--seed",
-        type=seed,
-        metavar="K",
-        help="for development, below 1000; default: drawn from the commit's hash",
-    )
-    lies.add_argument("--jobs", type=count, default=1, metavar="N", help="processes, 1")
-    lies.add_argument("--out", type=Path, metavar="DIR", help="keep the lies and resume")
-    lies.add_argument("--json", action="store_true", dest="as_json", help="print one JSON object")
-    lies.set_defaults(function="hil.evidence.lies.command:run")
 
 
 def run(
@@ -98,7 +72,7 @@ def cases(draw: str, only: Sequence[str] = ()) -> list[Case]:
 
 def _is_chosen(case: Case, only: Sequence[str]) -> bool:
     """Return whether a case has what is asked for of each of sensor, kind and doubt."""
-    own = ((case.sensor, VALUES), (case.kind, KINDS), (case.doubts, (EXACT, DEFAULT)))
+    own = ((case.sensor, SENSORS), (case.kind, KINDS), (case.doubts, (EXACT, DEFAULT)))
     asked = [(value, [name for name in only if name in names]) for value, names in own]
     return all(value in names or not names for value, names in asked)
 
@@ -108,7 +82,7 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
     found = {
         doubts: {
             name: _counts([row for row in rows if row["doubts"] == doubts and _is_of(row, name)])
-            for name in ("all", *VALUES, *KINDS)
+            for name in ("all", *SENSORS, *KINDS)
         }
         for doubts in (EXACT, DEFAULT)
     }

@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
+from hil.evidence.lies.arguments import KINDS, SENSORS
 from hil.evidence.methods.sensed import Channels
 from hil.world.inertia import FloatArray
 
 SETTLE_S = 5.0
 SIZES = 5  # levels between the least and the largest size
 SPAN = 1000.0  # largest size over the least one
-KINDS = ("gain", "zero", "drift", "delay")
 VALUES: Mapping[str, str] = {
     "torque": "tau_nm",
     "encoder": "q_rad",
@@ -86,7 +86,7 @@ def drawn(sensor: str, kind: str, level: int, rng: np.random.Generator) -> Lie:
 
 def every() -> Iterator[tuple[str, str, int]]:
     """Yield sensor, kind and level of size of all lies."""
-    for sensor in VALUES:
+    for sensor in SENSORS:
         for kind in KINDS:
             for level in range(SIZES):
                 yield sensor, kind, level

@@ -12,6 +12,9 @@ from fsw.__main__ import main as fsw_main
 from ground.__main__ import main as ground_main
 from hil.__main__ import main as hil_main
 from tests.conftest import ArmProject
+from tests.support.commands import PROGRAMS
+
+HEAVY = ("scipy", "pinocchio", "mujoco", "rich", "pydantic")
 
 # runs one command line and fails if anything that can open a device was even imported
 NOTHING_OPENED = """
@@ -166,6 +169,21 @@ def test_what_fsw_run_imports_stays_light():
         [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False
     )
     assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize("program", PROGRAMS)
+def test_a_command_line_is_read_without_what_its_commands_need(program):
+    """Every process of a bench reads one: SciPy and MuJoCo alone take two seconds."""
+    code = f"""
+import sys
+from {program}.__main__ import parser
+parser()
+print([name for name in {HEAVY} if name in sys.modules])
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True
+    )
+    assert done.stdout.strip() == "[]"
 
 
 @pytest.mark.parametrize("entry", [fsw_main, hil_main, ground_main])

@@ -2,7 +2,8 @@
 
 import pytest
 
-from hil.evidence.lies.case import EXACT, Flight, estimates_of, flight_of, judged
+from hil.evidence.lies.arguments import EXACT
+from hil.evidence.lies.case import Flight, estimates_of, flight_of, judged
 from hil.evidence.lies.table import Lie
 from hil.world.scenario import load
 

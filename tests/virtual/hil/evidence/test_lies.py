@@ -8,8 +8,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from hil.evidence.lies import command
+from hil.evidence.lies.arguments import KINDS
 from hil.evidence.lies.case import Case
-from hil.evidence.lies.table import KINDS, SETTLE_S, SIZES, SPAN, VALUES, Lie
+from hil.evidence.lies.table import SETTLE_S, SIZES, SPAN, VALUES, Lie
 from hil.evidence.methods.sensed import Channels
 from hil.world.scenario import ScenarioError
 
