@@ -35,7 +35,7 @@ from fsw.commands.recording_arguments import (
     report_arguments,
     view_arguments,
 )
-from fsw.messages.errors import ConfigError, FswError
+from fsw.errors import ConfigError, FswError
 
 if TYPE_CHECKING:
     from fsw.commands.robot import Robot

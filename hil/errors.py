@@ -13,7 +13,7 @@ INTERRUPTED_EXIT = 130  # 128 + SIGINT
 
 def explained(action: Callable[[], int], wrong_exit: int, failed_exit: int) -> int:
     """Run the action and return its exit code; print an expected error as one line."""
-    from fsw.messages.errors import ConfigError, FswError
+    from fsw.errors import ConfigError, FswError
     from hil.run.live import LiveError
     from hil.world.scenario import ScenarioError
 

@@ -181,5 +181,5 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: last.index(lane) + 1 if (lane := lane_of(item)) in last else 0)
     for item in items:
         lane = lane_of(item)
-        if lane in {"unit", "virtual", "live"}:
+        if lane in {"unit", "virtual", "live", "long"}:
             item.add_marker(lane)

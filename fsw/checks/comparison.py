@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from fsw.config import Config
-from fsw.messages.errors import ConfigError
+from fsw.errors import ConfigError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

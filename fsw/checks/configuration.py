@@ -17,8 +17,8 @@ from fsw.config import BusConfig, Config
 from fsw.config.devices import SAMPLES, minute_walk
 from fsw.config.telemetry import BUS_SLOTS, JOINT_SLOTS
 from fsw.drivers.codecs.stim300 import GYRO_WIRE_RAD_S
+from fsw.errors import ConfigError
 from fsw.estimators.model.problem import Problem
-from fsw.messages.errors import ConfigError
 
 LONG_LEVER_M = 10.0  # a longer lever arm of the inertial unit is probably in millimetres
 FAST_RAD_S = 2.0 * tau  # a faster speed limit of a joint is probably in degrees

@@ -20,11 +20,11 @@ from fsw.checks.mounting import (
 )
 from fsw.checks.trial import ITERATIONS, Fit, Trial, fitted
 from fsw.config import Config
+from fsw.errors import ConfigError
 from fsw.estimators.model.building import body_prior, build_problem
 from fsw.estimators.model.inertia import PARAMETERS, from_parameters
 from fsw.estimators.model.problem import Problem
 from fsw.messages import Block
-from fsw.messages.errors import ConfigError
 
 LARGE = 3.0  # ratio of squared residuals to declared noise above which something is wrong
 EXPLAINED = 0.1  # largest share of the excess over noise that remains if a mistake explains it

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from fsw.config import Config
 from fsw.config.telemetry import STATE_FOLDERS
-from fsw.messages.errors import ConfigError
+from fsw.errors import ConfigError
 
 MAX_SOCKET_PATH_BYTES = 107  # sun_path of Linux without its final zero
 SOCKET_NAME_BYTES = 20  # room for a slash and the name of the control socket

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.config import Config
+from fsw.errors import ConfigError, unforeseen
 from fsw.estimators.conditioning import build_conditioner
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.pipeline import Estimator
 from fsw.estimators.recursive.online import build_online
 from fsw.messages import ChannelWindow, Estimate, FloatArray, Window
-from fsw.messages.errors import ConfigError, unforeseen
 
 SPEED_RAD_S, TORQUE_NM, RATE_RAD_S, FORCE_M_S2 = 0.05, 0.1, 1e-3, 1e-3
 

@@ -12,12 +12,12 @@ import numpy as np
 from fsw.checks.base_parts import part_faults
 from fsw.checks.urdf import check_urdf
 from fsw.config import Config
+from fsw.errors import ConfigError
 from fsw.estimators.model.building import build_problem, robot_of
 from fsw.estimators.model.inertia import PARAMETERS, pseudo_inertia
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.model.robot import RobotModel
 from fsw.messages import FloatArray
-from fsw.messages.errors import ConfigError
 
 ROOT_LINK = "the root link"
 MOST_SPEED_RAD_S = 1e3  # limits above these bounds are placeholders

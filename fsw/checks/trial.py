@@ -15,6 +15,7 @@ from math import tau
 import numpy as np
 
 from fsw.config import Config, JointConfig
+from fsw.errors import NUMERICAL
 from fsw.estimators.batch.solver import Target, minimise
 from fsw.estimators.conditioning import Conditioner
 from fsw.estimators.measurement.row_functions import Linearisation, row_function
@@ -22,7 +23,6 @@ from fsw.estimators.model.building import build_problem, joint_order
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.model.robot import RobotModel
 from fsw.messages import Block, ChannelWindow, FloatArray, IntArray, Window
-from fsw.messages.errors import NUMERICAL
 
 PLACES = 8  # windows used, spread over the moving part of the recording
 LEADS = 8  # most windows before each place; they give it its attitude

@@ -9,7 +9,7 @@ from math import inf, isnan
 
 from fsw.config.base import MAX_INERTIA_KG_M2, MAX_LENGTH_M, MAX_MASS_KG
 from fsw.config.text import URDF, kind_of
-from fsw.messages.errors import ConfigError, brief
+from fsw.errors import ConfigError, brief
 
 MAX_BYTES = 1 << 20
 MAX_LINKS = 128

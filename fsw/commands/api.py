@@ -26,9 +26,10 @@ from fsw.commands.report.identified import write_identified
 from fsw.commands.report.live import LIVE, in_the_background, recording_of, status_of
 from fsw.commands.robot import Criterion, Folder, Method, Robot, Weighting, one_of
 from fsw.commands.span import Span
+from fsw.commands.threads import on_one_thread
+from fsw.errors import ConfigError
 from fsw.exchange.recording_parts import contents_of, parts_of
 from fsw.messages import FloatArray
-from fsw.messages.errors import ConfigError
 from fsw.service.recorder import recorded_config
 
 if TYPE_CHECKING:
@@ -127,6 +128,7 @@ def load(path: Path | str) -> Recording:
     return Recording(path)
 
 
+@on_one_thread
 def identify(
     recording: Recording | Path | str,
     robot: Robot | None = None,
@@ -176,6 +178,7 @@ def identify(
     return Identification(values)
 
 
+@on_one_thread
 def replay(
     recording: Recording | Path | str,
     robot: Robot | None = None,
@@ -201,6 +204,7 @@ def replay(
     return replay_recording(held.path, robot.config, span=span, progress=progress)
 
 
+@on_one_thread
 def report(
     recording: Recording | Path | str,
     robot: Robot | None = None,
@@ -252,6 +256,7 @@ def report(
     )
 
 
+@on_one_thread
 def plan(
     robot: Robot,
     limits: Path | str,

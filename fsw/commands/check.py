@@ -10,8 +10,8 @@ from fsw.checks.outputs import validate_outputs
 from fsw.commands.describe import describe
 from fsw.commands.progress import Progress
 from fsw.config import Config
+from fsw.errors import ConfigError
 from fsw.excitation.effects import told
-from fsw.messages.errors import ConfigError
 
 YAML_ENDINGS = (".yaml", ".yml")
 

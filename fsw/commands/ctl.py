@@ -4,8 +4,8 @@ from collections.abc import Iterable
 from typing import Any
 
 from fsw.config import Config
+from fsw.errors import ConfigError
 from fsw.messages.commands import PLAN_BOUNDS
-from fsw.messages.errors import ConfigError
 from fsw.service.control import control
 
 NUMBERS = ("last_s", *PLAN_BOUNDS)

@@ -11,6 +11,7 @@ from fsw.commands.out_argument import refuse_existing
 from fsw.commands.progress import Progress
 from fsw.commands.replay import replay
 from fsw.config import Config
+from fsw.errors import ConfigError
 from fsw.exchange.sinks import Message, NullSink
 from fsw.excitation import assess, criteria, foreseen, spline
 from fsw.excitation.collision import Collisions
@@ -21,7 +22,6 @@ from fsw.excitation.request import InfeasibleError, MotionRequest
 from fsw.excitation.subject import Subject, build_subject
 from fsw.excitation.verify import Use, every_limit
 from fsw.messages import Block, FloatArray
-from fsw.messages.errors import ConfigError
 
 FAILED, DONE = 1, 0
 WORDS = {  # meaning of each criterion; see docs/excitation.md

@@ -15,8 +15,8 @@ import numpy as np
 from fsw.commands.identified_body import AXES, QUANTITIES, Body, body_of, read_result
 from fsw.commands.parquet import write_parquet
 from fsw.commands.ros2 import message
+from fsw.errors import ConfigError
 from fsw.messages import FloatArray
-from fsw.messages.errors import ConfigError
 
 PARQUET = "parquet"  # the only binary format
 

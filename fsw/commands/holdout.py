@@ -7,9 +7,9 @@ import numpy as np
 from scipy.special import chdtri
 
 from fsw.commands.residuals import channel_residuals
+from fsw.errors import ConfigError
 from fsw.estimators.model.problem import Problem
 from fsw.messages import Block, FloatArray
-from fsw.messages.errors import ConfigError
 
 NOISE_RATIO = 1.5  # accepted ratio of found noise to declared noise (from data sheets)
 FALSE_ALARM = 1e-4  # probability per channel that a correct model fails

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from fsw.config.text import kind_of
+from fsw.errors import ConfigError
 from fsw.estimators.model.inertia import (
     NAMES,
     from_parameters,
@@ -17,7 +18,6 @@ from fsw.estimators.model.inertia import (
     to_parameters,
 )
 from fsw.messages import FloatArray
-from fsw.messages.errors import ConfigError
 
 AXES = ("xx", "xy", "xz", "yy", "yz", "zz")
 FRAMES = {"base": "base", "target": "tool"}  # any other body has the frame bodies.NAME.frame

@@ -18,6 +18,7 @@ from fsw.commands.span import WHOLE, Span
 from fsw.commands.unused import missed, unused_sensors
 from fsw.commands.watching import Watching
 from fsw.config import Config
+from fsw.errors import EstimatorError
 from fsw.estimators.batch.run import run_batch
 from fsw.estimators.batch.screening import fits_throughout, screened
 from fsw.estimators.measurement.mrnea import Rows
@@ -27,7 +28,6 @@ from fsw.estimators.pipeline import Pipeline
 from fsw.estimators.plausible import plausible
 from fsw.estimators.recursive.online import build_online
 from fsw.messages import Block, Estimate, FloatArray
-from fsw.messages.errors import EstimatorError
 
 Progress = Callable[[float, str], bool]
 

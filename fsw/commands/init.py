@@ -23,10 +23,10 @@ from fsw.commands.init_text import (
 )
 from fsw.commands.out_argument import refuse_existing
 from fsw.config import parse
+from fsw.errors import ConfigError
 from fsw.estimators.model.inertia import PARAMETERS, from_parameters, is_consistent
 from fsw.estimators.model.robot import RobotModel
 from fsw.messages import FloatArray
-from fsw.messages.errors import ConfigError
 
 DENSITY_KG_M3 = 150.0  # typical of a satellite; gives a first guess of the target's size
 RATE_HZ = 250.0  # of the joints, without a flag and without a recording

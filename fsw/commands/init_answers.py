@@ -9,7 +9,7 @@ from typing import Protocol, TypeVar
 
 from fsw.config.base import MAX_MASS_KG
 from fsw.config.devices import MAX_ANGLE_RAD
-from fsw.messages.errors import ConfigError
+from fsw.errors import ConfigError
 
 T = TypeVar("T")
 

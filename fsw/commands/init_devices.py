@@ -8,7 +8,7 @@ from typing import Any
 
 import yaml
 
-from fsw.messages.errors import ConfigError
+from fsw.errors import ConfigError
 
 
 @lru_cache(maxsize=1)

@@ -26,9 +26,9 @@ from fsw.commands.init_columns import (
 )
 from fsw.drivers.codecs.canopen import COB_SYNC, COB_TPDO1, NODE_MASK
 from fsw.drivers.ports.can_log import read_can_log
+from fsw.errors import ConfigError, cut
 from fsw.estimators.model.robot import RobotModel
 from fsw.messages import FloatArray
-from fsw.messages.errors import ConfigError, cut
 
 LOGS = (".log", ".blf", ".asc", ".trc")  # of a CAN bus; any other file is a table
 UNITS_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}

@@ -15,9 +15,9 @@ from fsw.commands.init_devices import device, library, trust
 from fsw.commands.init_recording import Limits, Recorded
 from fsw.config.devices import linear
 from fsw.config.processing import EstimatorConfig
+from fsw.errors import ConfigError
 from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.polynomial import EXTRA_DEGREE
-from fsw.messages.errors import ConfigError
 
 UNKNOWN_EFFORT_NM, UNKNOWN_SPEED_RAD_S = 1e3, 10.0  # of a joint whose <limit> is a placeholder
 LEAST_NOISE_NM, LEAST_NOISE_RAD = 3e-3, 1.2e-7  # rounding of torque and position in a TPDO1

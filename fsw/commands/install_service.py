@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from fsw.config import Config
-from fsw.messages.errors import ConfigError, PortError
+from fsw.errors import ConfigError, PortError
 
 TEMPLATE = Path(__file__).with_name("inertia-daemon.service")
 UNIT_NAME = "inertia-daemon.service"

@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from fsw.messages.errors import ConfigError
+from fsw.errors import ConfigError
 
 
 def out_argument(

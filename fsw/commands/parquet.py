@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from fsw.messages.errors import ConfigError
+from fsw.errors import ConfigError
 
 
 def require_pyarrow() -> None:

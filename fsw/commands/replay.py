@@ -17,6 +17,7 @@ from fsw.commands.span import WHOLE, Span
 from fsw.commands.unused import missed, unused_lines
 from fsw.config import Config
 from fsw.drivers.wire import NO_FRAMES, ByteChunk, FrameArray, joined
+from fsw.errors import WRONG_CONTENT, ConfigError, brief
 from fsw.estimators.pipeline import Pipeline
 from fsw.exchange.checkpoint import decode
 from fsw.exchange.recording import (
@@ -50,7 +51,6 @@ from fsw.exchange.sinks import (
 from fsw.loop.estimation.estimation import Estimation
 from fsw.messages import Event
 from fsw.messages.commands import Command, CommandName
-from fsw.messages.errors import WRONG_CONTENT, ConfigError, brief
 from fsw.service.recorder import CHECKPOINT
 
 BATCH_NS = 400_000_000

@@ -16,7 +16,7 @@ from fsw.checks.configuration import validate
 from fsw.config import Config
 from fsw.config import load as load_config
 from fsw.config.overlay_file import with_overlays
-from fsw.messages.errors import ConfigError
+from fsw.errors import ConfigError
 
 Method = Literal["mrnea", "rda", "cm", "ce", "fused"]
 Weighting = Literal["ols", "wls", "bc", "eiv"]

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from functools import partial
 from math import ceil, inf
 
+from fsw.errors import ConfigError
 from fsw.exchange.recording import END_NS, Column, Piece
-from fsw.messages.errors import ConfigError
 
 
 @dataclass(frozen=True, slots=True)

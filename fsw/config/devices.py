@@ -46,7 +46,7 @@ from fsw.config.base import (
     Turn,
     Vector3,
 )
-from fsw.messages.errors import brief
+from fsw.errors import brief
 
 MAX_ANGLE_RAD = tau  # of a mounting; larger angles are probably in degrees
 MOST_GYRO_ERROR = 0.2  # of an entry of gyro_matrix; a larger error is a wrong unit or mounting

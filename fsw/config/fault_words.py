@@ -5,7 +5,7 @@ from typing import Any
 
 from pydantic_core import ErrorDetails
 
-from fsw.messages.errors import brief
+from fsw.errors import brief
 
 WORDS = {  # by pydantic's type of fault, whose context supplies the bounds
     "greater_than": "must be above {gt:.12g}",

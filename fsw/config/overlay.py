@@ -8,7 +8,7 @@ from pydantic import ValidationError
 from fsw.config import Config, JointConfig, Section
 from fsw.config.tables import ImuNoise, JointNoise, ModelNoise, NoiseTable, TrackerNoise
 from fsw.config.text import explain
-from fsw.messages.errors import ConfigError
+from fsw.errors import ConfigError
 
 S = TypeVar("S", bound=Section)
 

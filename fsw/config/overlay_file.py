@@ -12,7 +12,7 @@ import yaml
 
 from fsw.config.text import CONFIGURATION, TextError, must_be, read_yaml
 from fsw.config.whole import Config, parse
-from fsw.messages.errors import ConfigError
+from fsw.errors import ConfigError
 
 ONE_OF_TWO = {"q_BS_xyzw": "rpy_BS_rad", "rpy_BS_rad": "q_BS_xyzw"}  # one replaces the other
 

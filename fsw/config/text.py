@@ -14,7 +14,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from fsw.config.fault_words import COUNTED, bound_words, found_words
-from fsw.messages.errors import ConfigError, brief, cut
+from fsw.errors import ConfigError, brief, cut
 
 MAX_TEXT_BYTES = 1 << 16
 MAX_DEPTH = 16  # of nested values

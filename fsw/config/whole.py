@@ -29,7 +29,7 @@ from fsw.config.text import CONFIGURATION, RECORDING, TextError, explain, kind_o
 from fsw.config.thrusters import ThrusterConfig, thrusters_go_with
 from fsw.config.wheels import WheelConfig, wheels_go_with
 from fsw.config.wrench_sensors import WrenchSensorConfig, wrench_sensors_go_with
-from fsw.messages.errors import ConfigError
+from fsw.errors import ConfigError
 
 NAMED_BY_PLACE = ("base", "target")
 FRAMES = "base is the root link, target in robot.tool_frame, any other body in a frame of its own"

@@ -13,8 +13,8 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dtpqrt, dtrtri, dtrtrs
 
+from fsw.errors import EstimatorError
 from fsw.messages import FloatArray
-from fsw.messages.errors import EstimatorError
 
 
 @dataclass(frozen=True, slots=True, eq=False)

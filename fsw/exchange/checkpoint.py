@@ -14,8 +14,8 @@ from typing import Any
 import msgpack
 import numpy as np
 
+from fsw.errors import WRONG_CONTENT, FswError
 from fsw.messages import Block, Snapshot
-from fsw.messages.errors import WRONG_CONTENT, FswError
 
 MAGIC = b"FSWCKPT\n"
 FORMAT_VERSION = 8  # rises with every change of the content of states

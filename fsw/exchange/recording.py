@@ -36,9 +36,9 @@ from fsw.drivers.wire import (
     FrameArray,
     frames_from,
 )
+from fsw.errors import ConfigError
 from fsw.exchange.chunks import expanded
 from fsw.messages import IntArray
-from fsw.messages.errors import ConfigError
 
 SAMPLES = "/samples/"  # prefix of topics of decoded samples: JSON, values as the sensor gave them
 SAMPLED = "samples"  # metadata of a recording with decoded samples: names of its joints

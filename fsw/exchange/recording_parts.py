@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from file_delivery.durable import replace_file
+from fsw.errors import ConfigError
 from fsw.exchange.recording import Contents, contents, first_metadata
-from fsw.messages.errors import ConfigError
 from fsw.messages.recording_name import NAME
 
 PART, IDENTITY = "part", "recording"  # a metadata record, and its key that names the recording

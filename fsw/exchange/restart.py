@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, Protocol, runtime_checkable
 
+from fsw.errors import WRONG_CONTENT, EstimatorError
 from fsw.exchange.checkpoint import Checkpoint
 from fsw.exchange.sinks import AppliedCommand, Sink, StateRestored
 from fsw.messages import Block, Estimate, Event, Snapshot
-from fsw.messages.errors import WRONG_CONTENT, EstimatorError
 from fsw.scheduler.align import Aligner
 
 BODY_STATES = 10  # states of each body; they come before all others

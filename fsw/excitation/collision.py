@@ -11,10 +11,10 @@ import coal
 import numpy as np
 import pinocchio as pin
 
+from fsw.errors import ConfigError
 from fsw.estimators.model.robot import RobotModel
 from fsw.excitation.limits import TargetBox
 from fsw.messages import FloatArray
-from fsw.messages.errors import ConfigError
 
 
 class Collisions:

@@ -9,10 +9,10 @@ from pydantic import Field, ValidationError
 
 from fsw.config import Finite, NonNegative, Positive, PositiveVector3, Section, Vector3
 from fsw.config.text import LIMITS, TextError, explain, must_be, read_yaml
+from fsw.errors import ConfigError
 from fsw.estimators.model.robot import RobotModel
 from fsw.excitation.spline import Firing
 from fsw.messages import FloatArray
-from fsw.messages.errors import ConfigError
 
 Bound = tuple[Finite | None, Finite | None]
 

@@ -8,6 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from fsw.config import Config
+from fsw.errors import ConfigError
 from fsw.estimators.model.inertia import from_parameters
 from fsw.estimators.parameter_verdicts import in_words, predicted_verdicts
 from fsw.excitation import assess, criteria, export, foreseen, spline
@@ -19,7 +20,6 @@ from fsw.excitation.request import MotionRequest
 from fsw.excitation.subject import QUANTITIES, Subject, build_subject
 from fsw.excitation.verify import Use
 from fsw.messages import FloatArray
-from fsw.messages.errors import ConfigError
 
 Report = Callable[[str], None]
 

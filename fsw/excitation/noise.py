@@ -12,11 +12,11 @@ import numpy as np
 from scipy.linalg import eigh
 
 from fsw.config import Config
+from fsw.errors import ConfigError
 from fsw.estimators.model.building import joint_order
 from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.polynomial import EXTRA_DEGREE, NodeFit
 from fsw.messages import FloatArray
-from fsw.messages.errors import ConfigError
 
 SMALLEST_SHARE = 1e-6
 

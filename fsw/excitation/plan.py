@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from fsw.errors import ConfigError
 from fsw.exchange.tied import end_with
 from fsw.excitation import criteria
 from fsw.excitation.assess import information_root
@@ -33,7 +34,6 @@ from fsw.excitation.spline import SplineLayout, Trajectory
 from fsw.excitation.subject import Subject
 from fsw.excitation.verify import SHARE_MARGIN, Use, every_limit
 from fsw.messages import FloatArray
-from fsw.messages.errors import ConfigError
 
 DENSER = 10
 TORQUE_MARGIN = 0.02  # first margin, share of the bound: torque varies fastest between samples

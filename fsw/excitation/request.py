@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fsw.errors import ConfigError, FswError
 from fsw.excitation import criteria
 from fsw.excitation.spline import Trajectory
 from fsw.excitation.verify import Use
-from fsw.messages.errors import ConfigError, FswError
 
 ROUNDS = 4
 PAPER_GAMMA = criteria.Gamma(xi1=1.0, xi2=1e4)  # the paper gives no values

@@ -17,8 +17,8 @@ from scipy.interpolate import BSpline
 
 from fsw.config import NonNegative, Positive, Section
 from fsw.config.text import RECORDING, kind_of
+from fsw.errors import ConfigError
 from fsw.messages import FloatArray
-from fsw.messages.errors import ConfigError
 
 DEGREE = 5
 REST_POINTS = 4

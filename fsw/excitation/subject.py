@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from fsw.config import Config
+from fsw.errors import ConfigError
 from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.inertia import (
     PARAMETERS,
@@ -24,7 +25,6 @@ from fsw.excitation.criteria import Scale, prior_root
 from fsw.excitation.kernel import Kernel, build_kernel
 from fsw.excitation.noise import NoiseModel, noise_model
 from fsw.messages import FloatArray
-from fsw.messages.errors import ConfigError
 
 QUANTITIES = (
     "mass_kg",

@@ -10,6 +10,7 @@ from typing import TypeVar
 from fsw.clock import Clock, MonotonicClock
 from fsw.config import Config
 from fsw.drivers.wire import BytePort, FramePort
+from fsw.errors import PortError
 from fsw.exchange.sinks import IMU, STAR_TRACKER, Sink
 from fsw.loop.notify import Notifier
 from fsw.loop.ports import SECOND, Ports
@@ -17,7 +18,6 @@ from fsw.loop.processes import Processes, lock_state
 from fsw.loop.state_guard import StateGuard, close_to_others
 from fsw.loop.wiring import build
 from fsw.messages import Event
-from fsw.messages.errors import PortError
 from fsw.scheduler import realtime
 from fsw.scheduler.tasks import is_due
 

@@ -10,13 +10,13 @@ from typing import Any
 from fsw.clock import Clock
 from fsw.config import Config
 from fsw.drivers.wire import BytePort, FramePort
+from fsw.errors import PortError
 from fsw.exchange.sinks import Sink
 from fsw.loop.bus_input import BusInput
 from fsw.loop.line_input import LineInput
 from fsw.loop.link import Link
 from fsw.loop.ports import CAN
 from fsw.messages import Event
-from fsw.messages.errors import PortError
 
 BATCHES_TO_LOSE = 4  # least number of batches in the time after which a silent bus is lost
 

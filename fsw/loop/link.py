@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Generic, TypeVar
 
 from fsw.drivers.wire import BytePort, FramePort
-from fsw.messages.errors import PortError
+from fsw.errors import PortError
 
 RETRY_NS = 500_000_000  # an attempt is cheap, and a returned device must be in use within 1 s
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from fsw.clock import Clock
 from fsw.config import Config
+from fsw.errors import MEMORY_EXIT, PortError
 from fsw.exchange.ring import RingReader, RingWriter
 from fsw.exchange.ringlink import (
     DOWN_BYTES,
@@ -23,7 +24,6 @@ from fsw.exchange.sinks import Fanout, Sink
 from fsw.loop.loop import Loop
 from fsw.messages import Event
 from fsw.messages.commands import Code, Command, Reply
-from fsw.messages.errors import MEMORY_EXIT, PortError
 
 LOCK_NAME = "loop.lock"
 LOCK_WAIT_NS = 1_000_000_000  # for the kernel to release the lock of a killed loop

@@ -8,7 +8,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-from fsw.messages.errors import CommandError, brief
+from fsw.errors import CommandError, brief
 
 METHODS = ("mrnea", "rda", "cm", "ce", "fused")
 BODIES = ("base", "target")

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from fsw.config import Config
+from fsw.errors import CommandError
 from fsw.estimators.parameter_verdicts import usable
 from fsw.messages import Estimate
 from fsw.messages.commands import (
@@ -24,7 +25,6 @@ from fsw.messages.commands import (
     JobReport,
     PlanRequest,
 )
-from fsw.messages.errors import CommandError
 from fsw.service.worker import Job
 
 PLANS = "plans"  # folder in the file directory

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from file_delivery.room import check_room
+from fsw.errors import WRONG_CONTENT, FswError
 from fsw.messages import OF_SPEEDS, OF_THRUSTERS, OF_WHEELS, Block
-from fsw.messages.errors import WRONG_CONTENT, FswError
 
 CAPACITY = 8192  # blocks; 55 min at 0.4 s
 HEADER_BYTES = 4096

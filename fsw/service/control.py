@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from fsw.errors import CommandError, PortError, unforeseen
 from fsw.messages.commands import MAX_LINE_BYTES, Code, Command, CommandName, Reply, parse_command
-from fsw.messages.errors import CommandError, PortError, unforeseen
 
 SOCKET_NAME = "ctl.sock"
 MAX_CLIENTS = 16

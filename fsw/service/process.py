@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 from file_delivery.locks import keep_lock
 from fsw.clock import Clock, MonotonicClock, boot_id, utc_correlation
 from fsw.config import Config
+from fsw.errors import MEMORY_EXIT, CommandError, ConfigError, PortError
 from fsw.exchange.ring import RingReader, RingWriter
 from fsw.exchange.ringlink import Kind, handed_down
 from fsw.exchange.sinks import (
@@ -32,7 +33,6 @@ from fsw.exchange.sinks import (
 )
 from fsw.messages import Block, Estimate, Event, Snapshot
 from fsw.messages.commands import Code, Command, Reply
-from fsw.messages.errors import MEMORY_EXIT, CommandError, ConfigError, PortError
 from fsw.service.batch_jobs import BatchJobs
 from fsw.service.block_log import BlockLog
 from fsw.service.checkpoint_keeper import CheckpointKeeper

@@ -11,6 +11,7 @@ from zstandard import ZstdError
 
 from file_delivery.room import check_room
 from fsw.config import Config, load
+from fsw.errors import ConfigError
 from fsw.exchange.recording import contents
 from fsw.exchange.recording_parts import (
     IDENTITY,
@@ -30,7 +31,6 @@ from fsw.exchange.sinks import (
 )
 from fsw.exchange.status import estimate_summary
 from fsw.messages import Estimate, Event
-from fsw.messages.errors import ConfigError
 
 CONFIGURATION = "configuration.yaml"
 ROBOT = "robot.urdf"

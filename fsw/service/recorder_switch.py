@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from fsw.config import Config
-from fsw.messages.errors import CommandError
+from fsw.errors import CommandError
 from fsw.service.recorder import Parts, RecorderSink, failure_code
 
 Report = Callable[[str, str, str], None]  # severity, code, text

@@ -17,10 +17,10 @@ from typing import IO, Any
 import numpy as np
 
 from fsw.config import Config
+from fsw.errors import ConfigError, EstimatorError, FswError
 from fsw.exchange.tied import end_with
 from fsw.messages import Block
 from fsw.messages.commands import BatchRequest, JobReport, PlanRequest
-from fsw.messages.errors import ConfigError, EstimatorError, FswError
 from fsw.service.blockstore import BlockStoreError, read_blocks
 
 NICE = 19

@@ -6,7 +6,7 @@ from contextlib import suppress
 from file_delivery.entity import FileEntity
 from file_delivery.numbers import Numbers
 from fsw.config import Config
-from fsw.messages.errors import ConfigError
+from fsw.errors import ConfigError
 from fsw.telemetry.application import TelemetryApplication, build_context
 from fsw.telemetry.link.security import Security
 from fsw.telemetry.ports import Host

@@ -15,7 +15,7 @@ from fsw.drivers.wire import (
     row_of,
     rows_of,
 )
-from fsw.messages.errors import PortError
+from fsw.errors import PortError
 from hil.devices.can_segment import TimedFrame
 from hil.devices.canopen import SYNC_ID
 from hil.devices.plant import Plant

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from fsw.config import Config
+from fsw.errors import CommandError
 from fsw.messages import Event
 from fsw.messages.commands import Code, Command, CommandName, Reply
-from fsw.messages.errors import CommandError
 from fsw.telemetry.assembly import build_application
 from fsw.telemetry.dictionary import DICTIONARY
 from fsw.telemetry.dictionary.codes import Error

@@ -4,7 +4,7 @@ import pytest
 
 from fsw.checks.configuration import validate
 from fsw.config import load
-from fsw.messages.errors import ConfigError
+from fsw.errors import ConfigError
 
 
 def fault(arm, check=validate):

@@ -7,6 +7,7 @@ import numpy as np
 
 from fsw.config import Config, load
 from fsw.drivers.wire import ByteChunk, CanFrame, FrameArray, frame_array, frame_list
+from fsw.errors import PortError
 from fsw.exchange.sinks import (
     AppliedCommand,
     CanTraffic,
@@ -16,7 +17,6 @@ from fsw.exchange.sinks import (
 )
 from fsw.messages import Block, BodyEstimate, Estimate, Window
 from fsw.messages.commands import Reply
-from fsw.messages.errors import PortError
 from hil.run.collector import Collector
 from tests.conftest import ArmProject
 

@@ -16,12 +16,12 @@ from fsw.commands.span import Span
 from fsw.commands.watching import Watching
 from fsw.config import Config
 from fsw.config.overlay_file import with_overlays
+from fsw.errors import NUMERICAL, ConfigError, EstimatorError, unforeseen
 from fsw.estimators.model.building import build_problem, joint_order
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.pipeline import Pipeline
 from fsw.estimators.recursive.online import build_online
-from fsw.messages.errors import NUMERICAL, ConfigError, EstimatorError, unforeseen
 
 Tell = Callable[[str], None]
 

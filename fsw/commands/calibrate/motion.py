@@ -11,6 +11,7 @@ from fsw.commands.calibrate.figures import DELAY_KEYS, Figure, in_axes, sensor_a
 from fsw.commands.calibrate.time_offset import MOST_S, tracker_offset
 from fsw.commands.watching import Watching
 from fsw.config import Config, ImuConfig, JointConfig
+from fsw.errors import EstimatorError
 from fsw.estimators.batch.run import sound_blocks, with_noise_found
 from fsw.estimators.batch.settle import settle
 from fsw.estimators.batch.solver import Progress
@@ -22,7 +23,6 @@ from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.model.state_groups import BY_NAME
 from fsw.estimators.rotation import rotation_from_xyzw
 from fsw.messages import Block, FloatArray, Window
-from fsw.messages.errors import EstimatorError
 
 # prior sigmas for a sensor about which nothing is known; a larger configured sigma stays
 WIDE_JOINT = {"torque_offset_sigma_nm": 2.0, "torque_scale_sigma_ratio": 0.2}

@@ -10,11 +10,11 @@ from scipy.spatial.transform import Rotation
 from fsw.commands.calibrate.drift import LEAST_WINDOWS, drift
 from fsw.commands.calibrate.figures import AXES, Figure, in_axes, sensor_axes, stated
 from fsw.config import Config
+from fsw.errors import EstimatorError
 from fsw.estimators.measurement.fused import predict
 from fsw.estimators.model.problem import Problem, present
 from fsw.estimators.rotation import rotation_from_xyzw
 from fsw.messages import Block, FloatArray, Window
-from fsw.messages.errors import EstimatorError
 
 MOVED_RAD = 1e-4  # a joint that moves by less is at rest: a controller never holds it exactly
 SIGMAS = 6.0  # a reading at rest is never off by more sigmas of its noise

@@ -9,9 +9,9 @@ from fsw.commands.importing.captures import Channel, can_capture, serial_capture
 from fsw.commands.importing.mapping import read_mapping
 from fsw.commands.importing.samples import sampled_channels
 from fsw.config import Config
+from fsw.errors import ConfigError
 from fsw.exchange.recording import SAMPLED, SAMPLES
 from fsw.exchange.sinks import IMU, JOINTS, STAR_TRACKER, WHEELS, WRENCH_SENSORS
-from fsw.messages.errors import ConfigError
 from fsw.service.recorder import open_recording
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from fsw.commands.importing.columns import Columns
-from fsw.messages.errors import ConfigError, unforeseen
+from fsw.errors import ConfigError, unforeseen
 
 BAG_FILES = (".mcap", ".db3", ".bag")
 BAG_FOLDER = "metadata.yaml"  # is in every bag that is a folder

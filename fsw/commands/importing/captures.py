@@ -21,11 +21,11 @@ from fsw.config import Config
 from fsw.drivers.codecs.canopen import COB_SYNC, COB_TPDO1, NODE_MASK
 from fsw.drivers.ports.can_log import read_can_log
 from fsw.drivers.wire import ByteChunk, FrameArray
+from fsw.errors import ConfigError, brief
 from fsw.exchange.recording import END_NS
 from fsw.exchange.recording_writer import RecordingWriter
 from fsw.exchange.sinks import IMU, CanTraffic, SerialTraffic
 from fsw.messages import IntArray
-from fsw.messages.errors import ConfigError, brief
 
 MOST_S = 1e12  # a stamp beyond is no time
 STAMP, DATA = "stamp_s", "hex"

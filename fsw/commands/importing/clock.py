@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
+from fsw.errors import ConfigError
 from fsw.exchange.recording import END_NS
 from fsw.messages import IntArray
-from fsw.messages.errors import ConfigError
 
 DISORDER_NS = 1e7  # stamps may run back by less (two processors); a larger step is a clock set back
 RATE_RATIO = 1.2  # accepted ratio of found to declared rate, or of declared to found

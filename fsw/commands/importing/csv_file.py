@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from fsw.commands.importing.columns import Columns
+from fsw.errors import ConfigError, brief
 from fsw.messages import FloatArray
-from fsw.messages.errors import ConfigError, brief
 
 DELIMITERS = (";", "\t", ",")  # the first that a row of numbers contains; otherwise white space
 COMMENTS = ("#", "%", "//")

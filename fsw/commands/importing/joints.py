@@ -11,8 +11,8 @@ from fsw.commands.importing.wraps import unwrap
 from fsw.config import Config, JointConfig
 from fsw.drivers.sources.joint_track import SLACK_SIGMAS, Calibration
 from fsw.drivers.sources.samples import FORCE_N, POSITION, POSITION_M, TORQUE
+from fsw.errors import ConfigError
 from fsw.messages import FloatArray
-from fsw.messages.errors import ConfigError
 
 MOST_RAD = 1e6  # no encoder counts to larger angles or lengths
 REVOLUTE, PRISMATIC = "revolute", "prismatic"

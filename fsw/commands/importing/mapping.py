@@ -9,7 +9,7 @@ from pydantic import BeforeValidator, ValidationError
 from fsw.config import Finite, Section
 from fsw.config.text import TextError, explain, must_be, read_yaml
 from fsw.drivers.codecs.stim300 import STANDARD_GRAVITY_M_S2
-from fsw.messages.errors import ConfigError
+from fsw.errors import ConfigError
 
 FACTORS = {
     "s": 1.0,

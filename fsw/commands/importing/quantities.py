@@ -10,8 +10,8 @@ import numpy as np
 from fsw.commands.importing.mapping import FACTORS, Quantity, TimeColumn
 from fsw.commands.importing.tables import Parts
 from fsw.commands.importing.usable import Part, usable
+from fsw.errors import ConfigError
 from fsw.messages import FloatArray, IntArray
-from fsw.messages.errors import ConfigError
 
 SAME_S = 1e-6  # stamps of two files that differ by less are one
 

@@ -49,10 +49,10 @@ from fsw.drivers.sources.samples import (
     SPEED,
     TORQUE,
 )
+from fsw.errors import ConfigError
 from fsw.exchange.recording import END_NS, SAMPLES
 from fsw.exchange.recording_writer import RecordingWriter
 from fsw.messages import FloatArray
-from fsw.messages.errors import ConfigError
 
 POSED = ("joints", "wrench_sensors")  # sections of a table of static poses
 

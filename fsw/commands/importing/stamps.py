@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from fsw.checks.recorded import rate_words
 from fsw.commands.importing.clock import RATE_RATIO, refuse_differences, refuse_disorder
+from fsw.errors import ConfigError
 from fsw.messages import FloatArray, IntArray
-from fsw.messages.errors import ConfigError
 
 MOSTLY = 0.5  # share of steps backwards above which the file is refused
 LEAST = 8  # least number of samples of a source

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from fsw.commands.importing.bags import bag_columns
 from fsw.commands.importing.columns import Columns
 from fsw.commands.importing.csv_file import csv_columns, has_zone, numbers, times_s
+from fsw.errors import ConfigError, cut, unforeseen
 from fsw.messages import FloatArray
-from fsw.messages.errors import ConfigError, cut, unforeseen
 
 TABLES = (".csv", ".txt", ".tsv", ".dat")
 # what a damaged archive can raise in NumPy's reader

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from fsw.errors import ConfigError
 from fsw.messages import FloatArray, IntArray
-from fsw.messages.errors import ConfigError
 
 MANY = 0.05  # share of values out of range, or of steps too fast, that single errors do not explain
 UNIT = "is the unit in the mapping right (rad or deg, m or mm, N m or mN m, m/s2 or g)?"

@@ -14,6 +14,7 @@ from fsw.commands.replay_result import ReplayResult
 from fsw.commands.residuals import ChannelResiduals, channel_residuals
 from fsw.commands.span import WHOLE, Span
 from fsw.config import Config
+from fsw.errors import WRONG_CONTENT, ConfigError, brief
 from fsw.estimators.model.inertia import report_jacobian
 from fsw.estimators.model.problem import IndexArray, Problem
 from fsw.estimators.model.state_groups import group_of
@@ -24,7 +25,6 @@ from fsw.exchange.recording import messages_of
 from fsw.exchange.recording_parts import contents_of, parts_of
 from fsw.exchange.sinks import Message, NullSink
 from fsw.messages import Block, Estimate, Event, FloatArray
-from fsw.messages.errors import WRONG_CONTENT, ConfigError, brief
 
 PACKAGES = ("inertia-daemon", "numpy", "scipy", "pin", "mcap", "pydantic")
 STATUS, EVENTS = "/tm", "/events"

@@ -19,8 +19,8 @@ from fsw.commands.report.tables import write_tables
 from fsw.commands.report.view import Section, Table, View
 from fsw.commands.span import Span
 from fsw.config import Config
+from fsw.errors import ConfigError
 from fsw.messages import BodyEstimate, Estimate
-from fsw.messages.errors import ConfigError
 
 NAN = float("nan")
 

@@ -10,9 +10,9 @@ import numpy as np
 from fsw.commands.report.estimate_sections import QUANTITIES
 from fsw.commands.report.view import Section, Table
 from fsw.config import Config
+from fsw.errors import ConfigError, PortError
 from fsw.exchange.recording import first_metadata
 from fsw.exchange.recording_parts import PART
-from fsw.messages.errors import ConfigError, PortError
 from fsw.service.control import control
 
 LIVE = "live"  # given instead of a recording: the recording of the running daemon

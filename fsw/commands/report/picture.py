@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fsw.commands.report.view import Chart, View
-from fsw.messages.errors import ConfigError
+from fsw.errors import ConfigError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

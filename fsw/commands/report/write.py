@@ -16,7 +16,7 @@ from fsw.commands.report.series import write_series
 from fsw.commands.report.tables import write_tables
 from fsw.commands.span import WHOLE, Span
 from fsw.config import Config
-from fsw.messages.errors import ConfigError
+from fsw.errors import ConfigError
 
 ESTIMATE = "Estimate over time"
 

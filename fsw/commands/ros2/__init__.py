@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from fsw.commands.identified_body import AXES, Body
+from fsw.errors import ConfigError
 from fsw.messages import FloatArray
-from fsw.messages.errors import ConfigError
 
 PACKAGE = {"BodyEstimate.msg": "msg", "package.xml": "", "CMakeLists.txt": ""}  # file: folder
 

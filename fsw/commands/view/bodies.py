@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from fsw.errors import ConfigError
 from fsw.estimators.model.inertia import NAMES, report_jacobian, to_parameters
 from fsw.messages import BodyEstimate, Estimate, FloatArray
-from fsw.messages.errors import ConfigError
 
 SIGMAS = 3.0
 LEAST_SEEN = 0.1  # least ratio of longest semi-axis to reach; a smaller ellipsoid is magnified

@@ -29,6 +29,7 @@ from fsw.commands.view.shapes import (
     visuals,
 )
 from fsw.config import Config
+from fsw.errors import ConfigError, EstimatorError
 from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.inertia import PARAMETERS, from_parameters
 from fsw.estimators.model.problem import Problem
@@ -38,7 +39,6 @@ from fsw.estimators.plausible import plausible
 from fsw.estimators.publish import body_estimate
 from fsw.estimators.recursive.online import OnlineEstimator
 from fsw.excitation import spline
-from fsw.messages.errors import ConfigError, EstimatorError
 
 PLANS = (".yaml", ".yml")
 SEE_THROUGH = 0.15

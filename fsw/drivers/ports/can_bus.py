@@ -26,7 +26,7 @@ from fsw.drivers.wire import (
     joined,
     rows_of,
 )
-from fsw.messages.errors import PortError
+from fsw.errors import PortError
 
 RECEIVE_BUFFER_BYTES = 1 << 22  # the kernel doubles it; a frame uses 768 bytes of it
 MAX_BATCH = 4096  # frames per read, so that a babbling bus cannot block the loop

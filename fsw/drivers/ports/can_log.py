@@ -21,7 +21,7 @@ from fsw.drivers.wire import (
     row_of,
     rows_of,
 )
-from fsw.messages.errors import ConfigError, brief, unforeseen
+from fsw.errors import ConfigError, brief, unforeseen
 
 MICROSECOND_NS = 1000  # resolution of a float of seconds since 1970, and of these logs
 END_S = 2.0**33  # a stamp from here on is invalid

@@ -11,7 +11,7 @@ from datetime import datetime
 from pathlib import Path
 
 from fsw.drivers.ports.asc_clock import AscClock
-from fsw.messages.errors import ConfigError
+from fsw.errors import ConfigError
 
 Line = tuple[int, str]  # number from 1, text
 _Dialect = Callable[["TextLog", Iterator[Line]], Iterator[str]]

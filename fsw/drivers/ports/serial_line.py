@@ -10,7 +10,7 @@ import serial
 
 from fsw.clock import Clock
 from fsw.drivers.wire import ByteChunk
-from fsw.messages.errors import PortError
+from fsw.errors import PortError
 
 READ_BYTES = 4096
 MAX_READS = 64  # per call, so that a babbling line cannot block the loop

@@ -16,6 +16,7 @@ from fsw.drivers.sources.counters import Counters
 from fsw.drivers.sources.joint_track import Calibration
 from fsw.drivers.sources.star_tracker import to_bus
 from fsw.drivers.wire import ByteChunk, Reject
+from fsw.errors import WRONG_CONTENT
 from fsw.messages import (
     AttitudeSamples,
     FloatArray,
@@ -25,7 +26,6 @@ from fsw.messages import (
     WheelSamples,
     WrenchSamples,
 )
-from fsw.messages.errors import WRONG_CONTENT
 from fsw.messages.findings import Finding
 
 POSITION, TORQUE = "position_rad", "torque_nm"  # keys of values of joints, by name

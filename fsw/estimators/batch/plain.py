@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtri
 
+from fsw.errors import EstimatorError
 from fsw.estimators.model.inertia import (
     from_log_cholesky,
     is_consistent,
@@ -21,7 +22,6 @@ from fsw.estimators.model.prior import Prior
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.square_root import SquareRootInformation
 from fsw.messages import FloatArray
-from fsw.messages.errors import EstimatorError
 
 MAX_PLAIN_STEPS = 40  # up to 18 were needed from starts that were 30-50 % wrong
 CONVERGED = 1e-3  # whitened rms step at which the iteration stops

@@ -13,13 +13,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from fsw.errors import NUMERICAL, EstimatorError, unforeseen
 from fsw.estimators.batch.settle import settle
 from fsw.estimators.measurement.mrnea import Rows
 from fsw.estimators.measurement.row_functions import Linearisation, row_function
 from fsw.estimators.model.problem import IMPLAUSIBLE, IndexArray, Problem
 from fsw.estimators.model.state_groups import GROUPS, group_of
 from fsw.messages import Block, FloatArray
-from fsw.messages.errors import NUMERICAL, EstimatorError, unforeseen
 
 
 def without_bodies(problem: Problem) -> Problem:

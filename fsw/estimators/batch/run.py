@@ -17,6 +17,7 @@ import numpy as np
 from fsw.config import Config
 from fsw.config.modes import METHODS_MODES
 from fsw.config.robot import METHODS_HELD
+from fsw.errors import NUMERICAL, ConfigError, EstimatorError, unforeseen
 from fsw.estimators.batch.diagnosis import diagnose_batch
 from fsw.estimators.batch.plain import BatchSolution
 from fsw.estimators.batch.reference import with_reference
@@ -47,7 +48,6 @@ from fsw.estimators.recursive.outcome import WEAKEST_GAIN, weakest_gain
 from fsw.estimators.recursive.prior_groups import Widened, in_words, widen
 from fsw.estimators.sensor_noise import SensorNoise
 from fsw.messages import Block, BodyEstimate, FloatArray
-from fsw.messages.errors import NUMERICAL, ConfigError, EstimatorError, unforeseen
 
 # problem, mean (p,), covariance (p, p), fused rows of the blocks used at the mean
 Keep = Callable[[Problem, FloatArray, FloatArray, Sequence[Rows]], None]

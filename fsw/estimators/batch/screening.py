@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from fsw.config import Config
+from fsw.errors import NUMERICAL
 from fsw.estimators.batch.run import SETTLED, sound_blocks, with_noise_found
 from fsw.estimators.measurement.mrnea import Rows
 from fsw.estimators.measurement.row_functions import row_function, stack
@@ -19,7 +20,6 @@ from fsw.estimators.pipeline import Screening
 from fsw.estimators.recursive.isolation import ChannelScreen
 from fsw.estimators.recursive.online import build_online
 from fsw.messages import Block, FloatArray
-from fsw.messages.errors import NUMERICAL
 
 SUSPECT = 0.5  # of the recursion's limit on the normalised innovation squared of a channel
 

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from fsw.errors import EstimatorError
 from fsw.estimators.effects.joint_torque import fill_columns
 from fsw.estimators.measurement.block_stack import BlockStack, covariance_root
 from fsw.estimators.measurement.impulse import external_force, pulled
@@ -30,7 +31,6 @@ from fsw.estimators.measurement.wheels import Wheels, turning
 from fsw.estimators.model.inertia import cross, skew
 from fsw.estimators.model.problem import Problem, present
 from fsw.messages import Block, FloatArray
-from fsw.messages.errors import EstimatorError
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,10 +6,10 @@ it, and effects of a tumbling captured object would count as errors of bodies an
 
 import numpy as np
 
+from fsw.errors import NUMERICAL
 from fsw.estimators.measurement.fused import predict
 from fsw.estimators.model.problem import Problem, present
 from fsw.messages import Block, FloatArray
-from fsw.messages.errors import NUMERICAL
 
 
 def at_first_rate(block: Block, x: FloatArray, problem: Problem) -> FloatArray:

@@ -7,6 +7,7 @@ from itertools import groupby
 
 import numpy as np
 
+from fsw.errors import EstimatorError
 from fsw.estimators.measurement.block_stack import BlockStack, stacks_of
 from fsw.estimators.measurement.energy import stacked_energy_rows
 from fsw.estimators.measurement.fused import stacked_fused_rows
@@ -16,7 +17,6 @@ from fsw.estimators.measurement.prediction import CHANNELS, Rate
 from fsw.estimators.model.problem import Problem, Watched, present
 from fsw.estimators.valves import changes
 from fsw.messages import Block, FloatArray
-from fsw.messages.errors import EstimatorError
 
 
 class RowsFunction(ABC):

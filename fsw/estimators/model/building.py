@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel
 
 from fsw.config import BaseConfig, BodyConfig, Config
+from fsw.errors import ConfigError
 from fsw.estimators.effects.joint_torque import terms_of
 from fsw.estimators.effects.registered import TORQUE_EFFECTS
 from fsw.estimators.effects.wrench_sensor import sensors_of
@@ -29,7 +30,6 @@ from fsw.estimators.model.state_groups import GROUPS
 from fsw.estimators.model.walks import walks_of
 from fsw.estimators.rotation import rotation_from_xyzw
 from fsw.messages import Block, FloatArray
-from fsw.messages.errors import ConfigError
 
 S = TypeVar("S", bound=BaseModel)
 NOTHING_EXACT = 1e-3  # sigma of what is watched; any positive value gives the same columns

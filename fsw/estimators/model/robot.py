@@ -23,12 +23,12 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from fsw.errors import ConfigError
 from fsw.estimators.model.field import field_wrenches
 from fsw.estimators.model.inertia import PARAMETERS, frame_change, frame_changes, pseudo_inertia
 from fsw.estimators.model.urdf import UNLIMITED, dynamics_of
 from fsw.estimators.model.wrench_sensor import WrenchSensor, with_sensors
 from fsw.messages import FloatArray
-from fsw.messages.errors import ConfigError
 
 REVOLUTE = ("JointModelRX", "JointModelRY", "JointModelRZ", "JointModelRevoluteUnaligned")
 PRISMATIC = "JointModelP"

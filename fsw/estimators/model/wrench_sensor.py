@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from fsw.messages.errors import ConfigError
+from fsw.errors import ConfigError
 
 AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
 _LIMIT = {"lower": "-1", "upper": "1", "effort": "1", "velocity": "1"}  # never used

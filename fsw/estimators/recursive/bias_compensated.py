@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from fsw.config import EstimatorConfig
+from fsw.errors import NUMERICAL, EstimatorError, unforeseen
 from fsw.estimators.diagnosis import diagnose, plain
 from fsw.estimators.measurement.compensated import (
     CompensatedSums,
@@ -19,7 +20,6 @@ from fsw.estimators.reasons import Failed
 from fsw.estimators.recursive.outcome import outcome
 from fsw.estimators.recursive.snapshot import Values, check_fit, kept, put
 from fsw.messages import Block, Estimate, FloatArray
-from fsw.messages.errors import NUMERICAL, EstimatorError, unforeseen
 
 _STATE = (
     *("_x", "_covariance", "_bias", "_solved", "_blocks", "_gated", "_ignored"),

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fsw.errors import EstimatorError
 from fsw.estimators.creep import Scores
 from fsw.estimators.measurement.impulse import Impulse
 from fsw.estimators.measurement.mrnea import Rows
@@ -29,7 +30,6 @@ from fsw.estimators.recursive.snapshot import (
 )
 from fsw.estimators.square_root import SquareRootInformation
 from fsw.messages import Block, FloatArray
-from fsw.messages.errors import EstimatorError
 
 # rows of a block at a state, given the momentum gained before it; None: not usable there
 SafeRows = Callable[[Block, FloatArray, Impulse | None], Rows | None]

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from fsw.config import Config, EstimatorConfig
+from fsw.errors import NUMERICAL, EstimatorError, unforeseen
 from fsw.estimators.diagnosis import diagnose, plain
 from fsw.estimators.measurement.row_functions import RowsFunction, row_function, watched_rows
 from fsw.estimators.model.building import build_problem, robot_of
@@ -28,7 +29,6 @@ from fsw.estimators.recursive.rival import Rival, Standing
 from fsw.estimators.recursive.snapshot import Values, check_fit, kept, put
 from fsw.estimators.square_root import SquareRootInformation
 from fsw.messages import Block, Estimate, FloatArray
-from fsw.messages.errors import NUMERICAL, EstimatorError, unforeseen
 from fsw.messages.false_alarms import per_test
 from fsw.messages.findings import Finding
 

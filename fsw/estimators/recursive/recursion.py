@@ -18,6 +18,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from fsw.config import EstimatorConfig
+from fsw.errors import EstimatorError
 from fsw.estimators.creep import changes, worst_change
 from fsw.estimators.likeness import in_words as in_words_of_likeness
 from fsw.estimators.measurement.first_rate import at_first_rate
@@ -38,7 +39,6 @@ from fsw.estimators.recursive.snapshot import Values, kept, put, to_information
 from fsw.estimators.recursive.trust import Trust
 from fsw.estimators.sensor_noise import SensorNoise
 from fsw.messages import Block, FloatArray
-from fsw.messages.errors import EstimatorError
 
 NOISE_BLOCKS = 4  # between two judgements of the sensors' noise
 WATCH_BLOCKS = 2  # between two looks for what creeps

@@ -13,10 +13,10 @@ from collections.abc import Mapping
 from enum import Enum
 from typing import Any
 
+from fsw.errors import NUMERICAL
 from fsw.estimators.recursive.recursion import Recursion
 from fsw.estimators.recursive.snapshot import Values, kept, put
 from fsw.messages import Block
-from fsw.messages.errors import NUMERICAL
 
 _STATE = ("evidence", "blocks")
 MOST_BLOCKS = 64  # after which an undecided test ends against the old estimate

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from fsw.errors import EstimatorError
 from fsw.estimators.measurement.impulse import Impulse
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.square_root import SquareRootInformation
-from fsw.messages.errors import EstimatorError
 
 Values = Mapping[str, Any]
 

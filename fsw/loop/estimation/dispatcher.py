@@ -4,6 +4,7 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any, Protocol, runtime_checkable
 
+from fsw.errors import CommandError, ConfigError, EstimatorError, unforeseen
 from fsw.exchange.restart import Adopting, put_back, take
 from fsw.exchange.sinks import AppliedCommand, Sink
 from fsw.messages import Estimate, Event, Snapshot
@@ -13,7 +14,6 @@ from fsw.messages.commands import (
     CommandName,
     Reply,
 )
-from fsw.messages.errors import CommandError, ConfigError, EstimatorError, unforeseen
 
 KEPT_AFTER = (
     CommandName.RESET,

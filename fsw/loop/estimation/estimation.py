@@ -12,6 +12,7 @@ from typing import Any
 
 from fsw.config import Config
 from fsw.config.overlay import overlay
+from fsw.errors import CommandError, EstimatorError, unforeseen
 from fsw.estimators.pipeline import (
     Estimator,
     Eventful,
@@ -42,7 +43,6 @@ from fsw.loop.estimation.dispatcher import Dispatcher
 from fsw.loop.estimation.science import Science
 from fsw.messages import Estimate, Event, Window
 from fsw.messages.commands import Command
-from fsw.messages.errors import CommandError, EstimatorError, unforeseen
 from fsw.scheduler.align import Aligner
 from fsw.scheduler.tasks import TaskTimes
 

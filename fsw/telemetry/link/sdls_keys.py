@@ -6,7 +6,7 @@ from pathlib import Path
 
 from fsw.config import Config
 from fsw.config.sdls import SdlsConfig, SdlsKeyConfig
-from fsw.messages.errors import ConfigError
+from fsw.errors import ConfigError
 from fsw.telemetry.link.sdls import KEY_BYTES, Association, Role
 
 OTHERS = 0o077

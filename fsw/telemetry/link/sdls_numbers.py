@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from file_delivery.slots import SlotFile
-from fsw.messages.errors import WRONG_CONTENT, ConfigError
+from fsw.errors import WRONG_CONTENT, ConfigError
 
 NUMBERS_NAME = "uplink_numbers"  # in the state directory
 EARLIER_SUFFIX = ".json"  # of the file in which earlier versions stored the numbers

@@ -12,7 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 from fsw.config.telemetry import TelemetryConfig
-from fsw.messages.errors import PortError
+from fsw.errors import PortError
 from fsw.telemetry.link.outbox import Outbox, Priority
 from fsw.telemetry.link.places import LinkClient, Refusal, admit, overdue, promote
 from fsw.telemetry.link.splitter import Uplinked

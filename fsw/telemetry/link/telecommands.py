@@ -10,7 +10,7 @@ from spacepackets.ccsds.spacepacket import SequenceFlags
 from spacepackets.ecss.tc import InvalidTcCrc16Error, PusTc
 from spacepackets.exceptions import BytesTooShortError
 
-from fsw.messages.errors import cut, unforeseen
+from fsw.errors import cut, unforeseen
 from fsw.telemetry.dictionary import DICTIONARY, Field, Parameter, Telecommand, Type
 from fsw.telemetry.dictionary.codes import APID_ESTIMATOR, Error
 from fsw.telemetry.dictionary.commands import MAX_REPEATS

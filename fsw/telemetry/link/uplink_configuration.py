@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from fsw.config import Config
-from fsw.messages.errors import ConfigError
+from fsw.errors import ConfigError
 from fsw.telemetry.link.sdls_keys import CREDENTIALS, load_associations
 from fsw.telemetry.link.sdls_numbers import NUMBERS_NAME, NumberStore
 

@@ -4,9 +4,9 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
+from fsw.errors import CommandError
 from fsw.estimators.parameter_verdicts import in_words
 from fsw.messages.commands import CommandName, Reply
-from fsw.messages.errors import CommandError
 from fsw.telemetry.dictionary.codes import METHOD, Error, Mode
 from fsw.telemetry.link.telecommands import Request, TcError
 from fsw.telemetry.services.context import TelemetryContext

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 
 from fsw.config.telemetry import TelemetryConfig
-from fsw.messages.errors import PortError
+from fsw.errors import PortError
 from fsw.telemetry.dictionary.events import IDS
 from fsw.telemetry.link.downlink import Downlink
 from fsw.telemetry.link.packets import Packetizer

@@ -9,7 +9,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from fsw.config.tables import MAX_MONITORS, MonitorConfig, MonitorsTable
-from fsw.messages.errors import ConfigError
+from fsw.errors import ConfigError
 from fsw.telemetry.dictionary.codes import MONITOR_ACTION, Error
 from fsw.telemetry.dictionary.onboard_commands import LARGEST
 from fsw.telemetry.dictionary.parameters import VALUE

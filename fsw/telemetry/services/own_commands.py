@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from functools import partial
 
-from fsw.messages.errors import ConfigError
+from fsw.errors import ConfigError
 from fsw.telemetry.dictionary import dictionary_crc32
 from fsw.telemetry.dictionary.codes import Error
 from fsw.telemetry.link.telecommands import Request, TcError

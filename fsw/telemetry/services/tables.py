@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
-from fsw.messages.errors import ConfigError
+from fsw.errors import ConfigError
 from fsw.telemetry.dictionary.codes import Error, Table
 from fsw.telemetry.link.telecommands import Request, TcError
 from fsw.telemetry.services.context import TelemetryContext

@@ -4,7 +4,7 @@ import json
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from fsw.messages.errors import WRONG_CONTENT
+from fsw.errors import WRONG_CONTENT
 from fsw.telemetry.dictionary.codes import Error
 from fsw.telemetry.link.telecommands import TcError
 from fsw.telemetry.state.store import GenerationStore

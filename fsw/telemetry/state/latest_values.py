@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from fsw.config import Config
+from fsw.errors import ConfigError
 from fsw.messages import Block, Estimate
 from fsw.messages.commands import JobReport
-from fsw.messages.errors import ConfigError
 from fsw.telemetry.ports import Host
 from fsw.telemetry.state import values as fields
 

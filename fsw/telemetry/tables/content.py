@@ -12,7 +12,7 @@ from fsw.config import Config, Section
 from fsw.config.overlay import noise_of, overlay
 from fsw.config.tables import MonitorsTable, NoiseTable, RatesTable
 from fsw.config.text import explain, read_yaml
-from fsw.messages.errors import ConfigError, unforeseen
+from fsw.errors import ConfigError, unforeseen
 from fsw.telemetry.dictionary.codes import Table
 from fsw.telemetry.services.housekeeping import science_fault
 from fsw.telemetry.services.monitors import check_table

@@ -9,7 +9,7 @@ from typing import Any
 from file_delivery.durable import rename_file, write_file
 from fsw.config import Config
 from fsw.config.overlay import overlay
-from fsw.messages.errors import ConfigError
+from fsw.errors import ConfigError
 from fsw.telemetry.dictionary.codes import Table
 from fsw.telemetry.state.parameter_values import estimator_changes, stored_values
 from fsw.telemetry.state.store import GenerationStore

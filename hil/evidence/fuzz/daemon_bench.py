@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any
 
 from fsw.config import Config
+from fsw.errors import CommandError
 from fsw.exchange.sinks import Message, ScienceRecord, StatusReport
 from fsw.loop.ports import Ports
 from fsw.messages import Block, Estimate, Event
 from fsw.messages.commands import JOBS, Code, Command, CommandName, Reply
-from fsw.messages.errors import CommandError
 from fsw.service.blockstore import BlockWriter
 from fsw.service.control import ControlServer
 from fsw.telemetry.assembly import build_application

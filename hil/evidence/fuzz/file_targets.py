@@ -5,6 +5,7 @@ import struct
 import zlib
 from pathlib import Path
 
+from fsw.errors import ConfigError
 from fsw.exchange.checkpoint import (
     FORMAT_VERSION,
     MAGIC,
@@ -15,7 +16,6 @@ from fsw.exchange.checkpoint import (
     encode,
 )
 from fsw.exchange.recording import contents, messages
-from fsw.messages.errors import ConfigError
 from hil.evidence.fuzz.oracle import Target, require
 
 HEAD = struct.Struct("<8sHIIQQ")

@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from file_delivery.slots import SlotFile
-from fsw.messages.errors import ConfigError
+from fsw.errors import ConfigError
 from fsw.telemetry.link.sdls_numbers import NUMBERS_NAME, NumberStore
 from fsw.telemetry.state.boot import Boot
 from fsw.telemetry.state.journal import Journal

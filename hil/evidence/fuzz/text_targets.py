@@ -8,8 +8,8 @@ from typing import Any
 import yaml
 
 from fsw.config import parse
+from fsw.errors import CommandError, ConfigError
 from fsw.messages.commands import JOBS, MAX_LINE_BYTES, parse_command
-from fsw.messages.errors import CommandError, ConfigError
 from hil.evidence.fuzz.oracle import Target, require
 
 MAX_FAULT_LINES = 10_000

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from fsw.config import Config
+from fsw.errors import EstimatorError
 from fsw.messages import Block
-from fsw.messages.errors import EstimatorError
 from hil.evidence.methods.cases import (
     NODES,
     RATE_HZ,

@@ -15,11 +15,11 @@ import numpy as np
 import yaml
 
 from fsw.config import Config, load
+from fsw.errors import FswError
 from fsw.estimators.batch.run import run_batch
 from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.recursive.online import build_online
 from fsw.messages import Block, Estimate
-from fsw.messages.errors import FswError
 from hil.evidence.methods.cases import NODES, RATE_HZ, SENSOR_SETS, WINDOW_S, scenario_of
 from hil.evidence.methods.exact import exact_samples
 from hil.evidence.methods.flight_side import write_config

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from fsw.config import Config
+from fsw.errors import EstimatorError
 from fsw.estimators.batch.plain import BatchSolution
 from fsw.estimators.batch.solver import Target, linear_covariance, regress, solve
 from fsw.estimators.measurement.row_functions import Linearisation, row_function
 from fsw.estimators.model.problem import Problem
-from fsw.messages.errors import EstimatorError
 from hil.evidence.methods.cases import WIDER
 from hil.evidence.methods.flight_side import problem_of, write_config
 from hil.evidence.paper.cases import PaperUnit, exact_sensors, noise_of, scenario_of, truth_of

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fsw.drivers.wire import ByteChunk, CanFrame, FrameArray
+from fsw.errors import PortError
 from fsw.loop.ports import Ports
-from fsw.messages.errors import PortError
 from hil.links.virtual import VirtualBench, VirtualCan, VirtualSerial
 from hil.world.history import FloatArray, TruthHistory, TruthState
 from hil.world.scenario import BUS

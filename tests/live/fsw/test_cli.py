@@ -14,7 +14,7 @@ from hil.__main__ import main as hil_main
 from tests.conftest import ArmProject
 from tests.support.commands import PROGRAMS
 
-HEAVY = ("scipy", "pinocchio", "mujoco", "rich", "pydantic")
+HEAVY = ("numpy", "scipy", "pinocchio", "mujoco", "rich", "pydantic")
 
 # runs one command line and fails if anything that can open a device was even imported
 NOTHING_OPENED = """
@@ -173,7 +173,7 @@ def test_what_fsw_run_imports_stays_light():
 
 @pytest.mark.parametrize("program", PROGRAMS)
 def test_a_command_line_is_read_without_what_its_commands_need(program):
-    """Every process of a bench reads one: SciPy and MuJoCo alone take two seconds."""
+    """Every process of a bench reads one: numpy, SciPy and MuJoCo alone take two seconds."""
     code = f"""
 import sys
 from {program}.__main__ import parser

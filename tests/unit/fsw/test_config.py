@@ -14,7 +14,7 @@ from fsw.checks.configuration import missing_devices, validate, validate_ports
 from fsw.config import load, parse
 from fsw.config.tables import NoiseTable
 from fsw.config.telemetry import STATE_FOLDERS
-from fsw.messages.errors import ConfigError
+from fsw.errors import ConfigError
 
 
 def fault(arm: Any) -> str:

@@ -7,9 +7,9 @@ import pytest
 
 from fsw.config import load
 from fsw.drivers.wire import CanFrame
+from fsw.errors import ConfigError
 from fsw.estimators.pipeline import Pipeline
 from fsw.loop.ports import Ports
-from fsw.messages.errors import ConfigError
 from hil.run.daemon import Daemon
 from tests.conftest import ArmProject
 from tests.support.loop_cases import (

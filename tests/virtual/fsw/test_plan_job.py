@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 
 from fsw.config import Config
+from fsw.errors import CommandError
 from fsw.excitation.subject import build_subject
 from fsw.messages.commands import Code, Command, CommandName
-from fsw.messages.errors import CommandError
 from fsw.service import worker
 from fsw.service.batch_jobs import BatchJobs
 from fsw.service.worker import Job

@@ -13,8 +13,8 @@ import pytest
 from fsw.__main__ import main
 from fsw.commands.install_service import UNIT_NAME, unit_text
 from fsw.config import load
+from fsw.errors import ConfigError
 from fsw.loop.notify import Notifier
-from fsw.messages.errors import ConfigError
 from tests.conftest import ArmProject
 
 ANALYZE = shutil.which("systemd-analyze")

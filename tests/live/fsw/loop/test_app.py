@@ -17,12 +17,12 @@ import pytest
 
 from fsw.clock import MonotonicClock
 from fsw.drivers.wire import unpack_frame
+from fsw.errors import PortError
 from fsw.exchange.checkpoint import decode
 from fsw.exchange.recording import contents, messages, messages_of
 from fsw.exchange.recording_parts import parts_of
 from fsw.loop import processes
 from fsw.loop.app import drive
-from fsw.messages.errors import PortError
 from fsw.service.control import control
 from tests.conftest import ArmProject
 

@@ -1,4 +1,4 @@
-"""The devices' end of `udp_frames`; that of SocketCAN is tested in tests/live/socketcan."""
+"""The devices' end of `udp_frames`; that of SocketCAN is tested in tests/long/socketcan."""
 
 import os
 import select

@@ -7,7 +7,7 @@ from fsw.checks.configuration import validate
 from fsw.commands.describe import describe
 from fsw.config import load
 from fsw.config.whole import json_schema
-from fsw.messages.errors import ConfigError
+from fsw.errors import ConfigError
 from tests.support.check_cases import assert_named
 
 

@@ -7,7 +7,7 @@ import pytest
 from fsw.checks.configuration import missing_devices, validate
 from fsw.checks.outputs import validate_outputs
 from fsw.config import load
-from fsw.messages.errors import ConfigError
+from fsw.errors import ConfigError
 from tests.conftest import arm_config
 from tests.support.check_cases import assert_named, fault
 

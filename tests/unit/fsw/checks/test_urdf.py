@@ -3,7 +3,7 @@
 import pytest
 
 from fsw.checks.urdf import MAX_LINKS, check_urdf
-from fsw.messages.errors import ConfigError
+from fsw.errors import ConfigError
 from tests.conftest import arm_urdf
 
 

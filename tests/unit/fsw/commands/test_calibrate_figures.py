@@ -8,7 +8,7 @@ from fsw.commands.calibrate.figures import Figure, in_axes, overlay_text, overla
 from fsw.commands.calibrate.rest import rest_figures
 from fsw.config import load
 from fsw.config.overlay_file import with_overlays
-from fsw.messages.errors import EstimatorError
+from fsw.errors import EstimatorError
 
 
 def figure(name: str, value: float, sigma: float = 1e-3, known: float = 1.0) -> Figure:

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import pytest
 
 from fsw.commands.replay import _plan
+from fsw.errors import ConfigError
 from fsw.exchange.recording import RecordedMessage
-from fsw.messages.errors import ConfigError
 
 
 @pytest.mark.parametrize(

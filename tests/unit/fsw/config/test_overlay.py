@@ -3,7 +3,7 @@
 import pytest
 
 from fsw.config.overlay import overlay
-from fsw.messages.errors import ConfigError
+from fsw.errors import ConfigError
 from tests.conftest import ArmProject
 from tests.support.loop_cases import arm_config
 

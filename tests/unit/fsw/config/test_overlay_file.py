@@ -5,7 +5,7 @@ import yaml
 
 from fsw.config import load, parse
 from fsw.config.overlay_file import with_overlays
-from fsw.messages.errors import ConfigError
+from fsw.errors import ConfigError
 from tests.conftest import ArmProject
 
 

@@ -12,7 +12,7 @@ from fsw.__main__ import main
 from fsw.config import Config, load, parse
 from fsw.config.devices import linear
 from fsw.config.whole import json_schema
-from fsw.messages.errors import ConfigError
+from fsw.errors import ConfigError
 from tests.conftest import arm_config
 
 ROOT = Path(__file__).parents[4]

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from fsw.errors import EstimatorError
 from fsw.estimators.batch import settle, solver
 from fsw.estimators.batch.run import run_batch
 from fsw.estimators.recursive import recursion
 from fsw.estimators.recursive.online import OnlineEstimator, build_online
 from fsw.estimators.square_root import SquareRootInformation
 from fsw.messages import Block, FloatArray
-from fsw.messages.errors import EstimatorError
 from tests.support.estimator_cases import (
     NODES,
     SENSOR_B_M,

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from fsw.errors import EstimatorError
 from fsw.estimators.square_root import SquareRootInformation
-from fsw.messages.errors import EstimatorError
 
 
 def prior(p: int) -> tuple[SquareRootInformation, np.ndarray, np.ndarray]:

@@ -23,10 +23,10 @@ from fsw.drivers.wire import (
     pack_frame,
     unpack_frame,
 )
+from fsw.errors import ConfigError
 from fsw.exchange.recording import contents, frames_of, messages, pieces_of
 from fsw.exchange.recording_writer import RecordingWriter
 from fsw.exchange.sinks import CanTraffic, SerialTraffic
-from fsw.messages.errors import ConfigError
 
 # struct can_frame / canfd_frame of <linux/can.h>: id with flag bits, length, flags, padding, data
 CLASSIC = bytes.fromhex("91010000 08 000000 0712cdff2efb092a")

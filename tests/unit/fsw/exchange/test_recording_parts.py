@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from fsw.drivers.wire import ByteChunk
+from fsw.errors import ConfigError
 from fsw.exchange.recording import messages_of
 from fsw.exchange.recording_parts import contents_of, newest_part, parts_of
 from fsw.exchange.sinks import SerialTraffic, StatusReport
-from fsw.messages.errors import ConfigError
 from fsw.service.recorder import RETRY_NS, Parts, RecorderSink
 from tests.conftest import ArmProject
 from tests.support.loop_cases import arm_config

@@ -2,9 +2,9 @@
 
 import pytest
 
+from fsw.errors import ConfigError
 from fsw.estimators.model.robot import RobotModel
 from fsw.excitation.limits import JointLimits, load
-from fsw.messages.errors import ConfigError
 from tests.support.excitation_cases import LIMITS_FILE, limits, subject
 from tests.support.sliding import sliding_urdf
 

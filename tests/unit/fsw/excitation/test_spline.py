@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from fsw.errors import ConfigError
 from fsw.excitation import spline
 from fsw.excitation.verify import free_layout
-from fsw.messages.errors import ConfigError
 from hil.world.spline import JointSpline
 from tests.support.excitation_cases import SHORT, motion
 

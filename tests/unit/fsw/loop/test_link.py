@@ -3,8 +3,8 @@
 import pytest
 
 from fsw.drivers.wire import BytePort
+from fsw.errors import PortError
 from fsw.loop.link import Link
-from fsw.messages.errors import PortError
 from tests.support.loop_cases import MS, FakeClock, FakeSerial
 
 

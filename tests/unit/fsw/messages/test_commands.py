@@ -1,7 +1,7 @@
 import pytest
 
+from fsw.errors import CommandError
 from fsw.messages.commands import Code, CommandName, parse_command
-from fsw.messages.errors import CommandError
 
 
 def refusal(line: bytes) -> str:

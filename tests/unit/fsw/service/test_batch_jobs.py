@@ -9,8 +9,8 @@ from types import SimpleNamespace
 import pytest
 
 from fsw.config import Config
+from fsw.errors import CommandError
 from fsw.messages.commands import Code, Command, CommandName
-from fsw.messages.errors import CommandError
 from fsw.service import batch_jobs
 from fsw.service.batch_jobs import BatchJobs
 from tests.conftest import ArmProject

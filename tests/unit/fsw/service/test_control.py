@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from fsw.errors import PortError
 from fsw.messages.commands import Code, Command, Reply
-from fsw.messages.errors import PortError
 from fsw.service.control import REPLY_TIMEOUT_NS, SOCKET_NAME, ControlServer, control
 
 

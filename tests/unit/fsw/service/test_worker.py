@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from fsw.config import Config
+from fsw.errors import EstimatorError
 from fsw.messages.commands import BatchRequest
-from fsw.messages.errors import EstimatorError
 from fsw.service import worker
 from fsw.service.blockstore import BlockWriter
 from fsw.service.worker import Job, run_job

@@ -4,9 +4,9 @@ from itertools import pairwise
 
 import pytest
 
+from fsw.errors import ConfigError
 from fsw.messages import Event
 from fsw.messages.commands import CommandName, JobReport
-from fsw.messages.errors import ConfigError
 from fsw.telemetry.dictionary.codes import Error, Health, Mode
 from tests.conftest import ArmProject
 from tests.support.application_cases import BEGUN, DONE, Flight, flight_config

@@ -1,6 +1,7 @@
 """The Python API on a flight in virtual time: the same figures as the commands."""
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -11,7 +12,7 @@ import pytest
 
 import fsw
 from fsw.__main__ import main
-from fsw.messages.errors import ConfigError
+from fsw.errors import ConfigError
 from tests.support.excitation_cases import LIMITS_FILE
 
 ROOT = Path(__file__).parents[4]
@@ -23,6 +24,51 @@ def test_the_package_itself_imports_nothing_heavy():
     code = f"import fsw, sys; print([name for name in {HEAVY} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+# numpy is there before the API, and no variable of the environment is set
+BLAS_THREADS = """
+import os
+for name in [name for name in os.environ if name.endswith("_NUM_THREADS")]:
+    del os.environ[name]
+import numpy
+from threadpoolctl import threadpool_info
+from fsw.commands import api
+from fsw.commands.threads import on_one_thread
+
+def threads():
+    return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
+
+for name in ("identify", "plan", "replay", "report"):
+    assert hasattr(getattr(api, name), "__wrapped__")
+print(threads(), on_one_thread(threads)(), threads())
+"""
+# the command line comes first
+BLAS_OF_COMMANDS = """
+import os, sys
+os.environ.pop("OPENBLAS_NUM_THREADS", None)
+from fsw.__main__ import main
+assert "numpy" not in sys.modules
+main(["check", "nothing.yaml"])
+import numpy
+from threadpoolctl import threadpool_info
+print({pool["num_threads"] for pool in threadpool_info()})
+"""
+
+
+def test_blas_has_one_thread_while_the_api_works_and_then_as_many_as_before():
+    done = subprocess.run(
+        [sys.executable, "-c", BLAS_THREADS], capture_output=True, text=True, check=True
+    )
+    all_of_them = {len(os.sched_getaffinity(0))}
+    assert done.stdout.strip() == f"{all_of_them} {{1}} {all_of_them}"
+
+
+def test_the_command_line_sets_one_thread_before_numpy_loads():
+    done = subprocess.run(
+        [sys.executable, "-c", BLAS_OF_COMMANDS], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == "{1}"
 
 
 def test_an_unknown_name_is_an_attribute_error():

@@ -19,7 +19,7 @@ from fsw.commands.importing.csv_file import csv_columns
 from fsw.commands.importing.mapping import read_mapping
 from fsw.commands.importing.tables import Table
 from fsw.drivers.ports.can_log import read_can_log
-from fsw.messages.errors import ConfigError
+from fsw.errors import ConfigError
 from tests.support.estimator_cases import make_config
 from tests.support.import_cases import Import, importing, write_log  # noqa: F401
 from tests.support.joint_bags import ROWS, whole, write

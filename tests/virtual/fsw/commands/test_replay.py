@@ -11,12 +11,12 @@ from fsw.commands.replay import replay
 from fsw.commands.span import Span
 from fsw.config import Config
 from fsw.drivers.wire import ByteChunk, CanFrame, frame_array
+from fsw.errors import ConfigError
 from fsw.exchange.recording import messages
 from fsw.exchange.recording_writer import RecordingWriter
 from fsw.exchange.sinks import CanTraffic, Fanout, SerialTraffic
 from fsw.loop.ports import Ports
 from fsw.messages.commands import Command, CommandName
-from fsw.messages.errors import ConfigError
 from fsw.service.recorder import RecorderSink, estimate_values, open_recording, recorded_config
 from hil.devices.plant import Plant
 from hil.links.virtual import VirtualBench

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from fsw.drivers.wire import CanFrame
+from fsw.errors import EstimatorError, PortError
 from fsw.estimators.pipeline import Pipeline
 from fsw.loop.estimation.science import Science
 from fsw.loop.ports import Ports
 from fsw.messages import Block
 from fsw.messages.commands import Command, CommandName
-from fsw.messages.errors import EstimatorError, PortError
 from fsw.telemetry.dictionary import DICTIONARY
 from fsw.telemetry.link.packets import Layout
 from hil.run.daemon import Daemon

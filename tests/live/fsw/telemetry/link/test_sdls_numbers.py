@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from fsw.messages.errors import ConfigError
+from fsw.errors import ConfigError
 from fsw.telemetry.link.sdls import RANDOM_BITS, RESERVE, Accepted, Association, FrameReceiver
 from fsw.telemetry.link.sdls import FrameReject as Reason
 from fsw.telemetry.link.sdls_numbers import NumberStore

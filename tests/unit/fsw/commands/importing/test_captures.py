@@ -7,7 +7,7 @@ import pytest
 
 from fsw.commands.importing.captures import serial_capture
 from fsw.commands.importing.clock import refuse_disorder
-from fsw.messages.errors import ConfigError
+from fsw.errors import ConfigError
 from tests.support.estimator_cases import make_config
 
 

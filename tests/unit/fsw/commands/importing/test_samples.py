@@ -10,7 +10,7 @@ from fsw.commands.importing.mapping import Mapping
 from fsw.commands.importing.samples import sampled_channels
 from fsw.commands.importing.usable import UNIT
 from fsw.config import Config
-from fsw.messages.errors import ConfigError
+from fsw.errors import ConfigError
 from tests.support.estimator_cases import make_config
 from tests.support.wheel_cases import config_with_wheels
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from fsw.commands.importing.tables import Table
-from fsw.messages.errors import ConfigError
+from fsw.errors import ConfigError
 
 WRONG = {
     "empty.yaml": ".yaml is not supported; FILE: a table .csv or .npz, a bag's folder or its .mcap",

@@ -12,10 +12,10 @@ from mcap.reader import make_reader
 from fsw.commands.report import write_report
 from fsw.commands.report.layouts import PLOTS, foxglove, plotjuggler
 from fsw.commands.report.series import SCHEMA, write_series
+from fsw.errors import ConfigError
 from fsw.estimators.model.inertia import NAMES, from_parameters, report_jacobian, to_parameters
 from fsw.exchange.recording_writer import schema_of
 from fsw.messages import BodyEstimate, Estimate
-from fsw.messages.errors import ConfigError
 
 BODIES = ("base", "target")
 END_NS = 7_000_000_123

@@ -15,7 +15,7 @@ from fsw.commands.view.bodies import (
     magnification,
     read_truth,
 )
-from fsw.messages.errors import ConfigError
+from fsw.errors import ConfigError
 
 SIGMA_M = np.array([0.01, 0.05, 0.002])
 turns = st.tuples(*[st.floats(-3.0, 3.0)] * 3)

@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 import hil
 from fsw.commands.view import shapes
 from fsw.commands.view.shapes import ball, box_of, capsules, hull, reach_m, visuals
+from fsw.errors import ConfigError
 from fsw.estimators.model.robot import RobotModel
-from fsw.messages.errors import ConfigError
 from tests.conftest import arm_urdf
 
 SIZE_M = np.array([0.2, 0.4, 1.0])

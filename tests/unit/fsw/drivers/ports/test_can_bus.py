@@ -8,7 +8,7 @@ import pytest
 from fsw.clock import MonotonicClock
 from fsw.drivers.ports.can_bus import CanPort, open_can
 from fsw.drivers.wire import CanFrame, FrameArray, FramePort, frame_list, unpack_frame
-from fsw.messages.errors import PortError
+from fsw.errors import PortError
 from tests.support.driver_configs import bus_config
 from tests.support.kernel_stamps import WAITING_ID, wait_for_kernel_stamps
 

@@ -5,7 +5,7 @@ import pytest
 
 from fsw.drivers.ports.can_log import read_can_log
 from fsw.drivers.wire import frame_list, recorded_bytes
-from fsw.messages.errors import ConfigError
+from fsw.errors import ConfigError
 
 T_S, T_NS = 1_760_000_000.25, 1_760_000_000_250_000_000
 

@@ -7,7 +7,7 @@ import pytest
 
 from fsw.clock import MonotonicClock
 from fsw.drivers.ports.serial_line import open_serial
-from fsw.messages.errors import PortError
+from fsw.errors import PortError
 
 
 def test_bytes_pass_both_ways_over_a_pseudo_terminal() -> None:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from fsw.config import Config
+from fsw.errors import ConfigError
 from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.measurement.energy import energy_rows
 from fsw.estimators.measurement.fused import predict
@@ -16,7 +17,6 @@ from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.polynomial import gauss_nodes
 from fsw.messages import Block
-from fsw.messages.errors import ConfigError
 from tests.support.estimator_cases import NODES, N, make_config, random_block, robot_model
 
 PERIODS = (2.0, 160.0)

@@ -7,12 +7,12 @@ import pinocchio as pin
 import pytest
 
 from fsw.config import Config
+from fsw.errors import EstimatorError
 from fsw.estimators.batch.run import run_batch
 from fsw.estimators.measurement.fused import predict
 from fsw.estimators.measurement.row_functions import row_function
 from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.problem import Problem
-from fsw.messages.errors import EstimatorError
 from tests.support.estimator_cases import N, make_config, random_block, robot_model
 
 GRAVITY = (0.0, 0.0, -9.80665)

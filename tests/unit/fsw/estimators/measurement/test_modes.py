@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from fsw.config import ModeConfig
+from fsw.errors import EstimatorError
 from fsw.estimators.batch.run import run_batch
 from fsw.estimators.measurement.fused import predict
 from fsw.estimators.measurement.impulse import Impulse
@@ -18,7 +19,6 @@ from fsw.estimators.recursive.memory import Memory
 from fsw.estimators.recursive.snapshot import from_impulse, to_impulse
 from fsw.estimators.square_root import SquareRootInformation
 from fsw.messages import Block, FloatArray
-from fsw.messages.errors import EstimatorError
 from tests.support.estimator_cases import BASE, TARGET, WINDOW_S, parameters, random_block
 from tests.support.mode_cases import (
     PANEL,

@@ -9,6 +9,7 @@ import pytest
 from numpy.polynomial import legendre
 from scipy.integrate import quad
 
+from fsw.errors import EstimatorError
 from fsw.estimators.measurement import thrust
 from fsw.estimators.measurement.fused import predict
 from fsw.estimators.measurement.impulse import momentum_at_nodes
@@ -17,7 +18,6 @@ from fsw.estimators.measurement.row_functions import row_function
 from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.problem import Problem
 from fsw.messages import Block
-from fsw.messages.errors import EstimatorError
 from tests.support.estimator_cases import NODES, WINDOW_S, random_block, robot_model
 from tests.support.thruster_cases import CORNERS, config_with_thrusters, edges_of, firing
 

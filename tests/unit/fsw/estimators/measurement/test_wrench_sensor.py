@@ -6,11 +6,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from fsw.errors import ConfigError
 from fsw.estimators.batch.run import run_batch
 from fsw.estimators.measurement.fused import fused_rows, predict
 from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.model.wrench_sensor import WrenchSensor
-from fsw.messages.errors import ConfigError
 from tests.support.estimator_cases import (
     TARGET,
     URDF,

@@ -5,9 +5,9 @@ import pinocchio as pin
 import pytest
 
 from fsw.config import BodyConfig, Config
+from fsw.errors import ConfigError
 from fsw.estimators.model.building import body_prior, build_problem, joint_order
 from fsw.estimators.model.inertia import from_parameters
-from fsw.messages.errors import ConfigError
 from tests.support.estimator_cases import (
     BASE,
     TARGET,

@@ -6,9 +6,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from fsw.errors import ConfigError
 from fsw.estimators.model.inertia import from_parameters, is_consistent
 from fsw.estimators.model.robot import RobotModel
-from fsw.messages.errors import ConfigError
 from tests.conftest import arm_urdf
 from tests.support.estimator_cases import BASE, TARGET, TWO_ARMS, URDF, parameters
 

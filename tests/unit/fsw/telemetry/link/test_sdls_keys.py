@@ -6,7 +6,7 @@ import pytest
 
 from fsw.config import load
 from fsw.config.sdls import SdlsConfig
-from fsw.messages.errors import ConfigError
+from fsw.errors import ConfigError
 from fsw.telemetry.link.sdls_keys import load_associations
 
 KEY = bytes(range(32))

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from fsw.config import TelemetryConfig
-from fsw.messages.errors import PortError
+from fsw.errors import PortError
 from fsw.telemetry.dictionary import DICTIONARY
 from fsw.telemetry.dictionary.codes import Error
 from fsw.telemetry.link.packets import telecommand_packet, uplink_file_packet

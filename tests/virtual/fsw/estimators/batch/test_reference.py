@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from fsw.errors import EstimatorError
 from fsw.estimators.batch.run import run_batch
-from fsw.messages.errors import EstimatorError
 from hil.evidence.differential import case, differential, lines
 
 

@@ -9,9 +9,9 @@ import pytest
 from scipy.stats import chi2
 
 from fsw.config import Config
+from fsw.errors import EstimatorError
 from fsw.estimators.batch.run import run_batch
 from fsw.messages import Block
-from fsw.messages.errors import EstimatorError
 from tests.support.estimator_cases import (
     TARGET,
     at_rest,

@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fsw.errors import EstimatorError
 from fsw.estimators.measurement.row_functions import row_function
 from fsw.estimators.model.building import build_problem
 from fsw.estimators.recursive.bias_compensated import BiasCompensatedEstimator
 from fsw.estimators.recursive.online import OnlineEstimator, build_online
 from fsw.exchange.checkpoint import Checkpoint, Identity, decode, encode
 from fsw.messages import Block, Estimate, Snapshot
-from fsw.messages.errors import EstimatorError
 from tests.support.estimator_cases import make_config, noisy_blocks, robot_model
 from tests.unit.fsw.estimators.test_external_moments import orbit
 

@@ -142,7 +142,7 @@ def test_a_command_that_does_not_exist_is_told_in_one_line():
 def test_the_socketcan_suite_passes():
     addopts = "addopts=--import-mode=importlib --strict-markers --strict-config -ra"
     pytest_command = [sys.executable, "-m", "pytest", "-o", addopts, "-p", "no:xdist"]
-    suite = ["-p", "no:cacheprovider", "tests/live/socketcan"]
+    suite = ["-p", "no:cacheprovider", "tests/long/socketcan"]
     done = vcan(*pytest_command, *suite, options=("--realtime", "--timeout", "800"), timeout=850)
     output = done.stdout.decode()
     assert done.returncode == 0, f"{output}\n{done.stderr.decode()}"

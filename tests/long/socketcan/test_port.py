@@ -11,7 +11,7 @@ import pytest
 from fsw.clock import MonotonicClock
 from fsw.drivers.ports.can_bus import RECEIVE_BUFFER_BYTES, SocketPort, open_can
 from fsw.drivers.wire import frame_list
-from fsw.messages.errors import PortError
+from fsw.errors import PortError
 from tests.support.driver_configs import bus_config
 from tests.support.kernel_stamps import wait_for_kernel_stamps
 
