@@ -232,6 +232,8 @@ class SocketPort:
         except OSError as error:
             if error.errno in QUEUE_FULL:
                 return None
+            with contextlib.suppress(PortError):
+                self.drain()  # what came before the bus went down
             raise PortError(f"{self._name}: cannot be written: {error}") from error
         return CanFrame(self._clock.now_ns(), can_id, data)
 

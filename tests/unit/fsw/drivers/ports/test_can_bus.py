@@ -6,7 +6,8 @@ import msgpack
 import pytest
 
 from fsw.clock import MonotonicClock
-from fsw.drivers.ports.can_bus import CanPort, open_can
+from fsw.drivers.ports.can_bus import CanPort, SocketPort, open_can
+from fsw.drivers.ports.linux_can import pack_classic
 from fsw.drivers.wire import CanFrame, FrameArray, FramePort, frame_list, unpack_frame
 from fsw.errors import PortError
 from tests.support.driver_configs import bus_config
@@ -140,6 +141,21 @@ def test_a_broken_bus_raises_a_port_error() -> None:
     with pytest.raises(PortError, match="bus off"):
         port.write(1, b"")
     port.close()
+
+
+def test_frames_that_came_before_a_send_failed_are_kept() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
+        link.bind(("127.0.0.1", 0))
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as peer:
+            peer.bind(("127.0.0.1", 0))
+            link.connect(peer.getsockname())
+            port = SocketPort(link, MonotonicClock(), "buses.arm (can0)", link.close)
+            for number in range(3):
+                peer.sendto(pack_classic(0x191 + number, b"ab"), link.getsockname())
+        with pytest.raises(PortError, match="cannot be written"):  # nobody has the port any more
+            for _ in range(100):
+                port.write(0x80, b"")
+        assert [frame.can_id for frame in frame_list(port.take()())] == [0x191, 0x192, 0x193]
 
 
 def test_datagrams_that_are_no_frames_are_left_out_and_the_others_are_kept() -> None:
