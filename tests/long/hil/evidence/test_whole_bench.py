@@ -1,8 +1,11 @@
 """`hil bench` in its short form: the figures are those of the processes of a real run."""
 
+from contextlib import suppress
+
 import pytest
 
-from hil.evidence.speed.whole import measure, summary
+from hil.evidence.speed.whole import Condition, measure, summary
+from hil.run.live import LiveError
 
 
 class Silent:
@@ -10,9 +13,18 @@ class Silent:
         """Show nothing."""
 
 
+def measured(name: str, attempts: int = 10) -> Condition:
+    """Return a condition; a machine too busy to keep its status fresh is given another chance."""
+    for _ in range(attempts - 1):
+        with suppress(LiveError):
+            return measure("target_leo", name, 6.0, Silent())
+    return measure("target_leo", name, 6.0, Silent())
+
+
+@pytest.mark.timeout(900)
 @pytest.mark.parametrize("name", ["clients"])
 def test_a_run_tells_what_its_processes_took(name: str) -> None:
-    condition = measure("target_leo", name, 6.0, Silent())
+    condition = measured(name)
     assert 4.0 < condition.seconds <= 7.0
     assert set(condition.core_percent) == {"loop", "estimation", "plant", "service"}
     assert all(0.0 < share < 100.0 for share in condition.core_percent.values())
