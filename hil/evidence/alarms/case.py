@@ -25,6 +25,7 @@ EVENTS: Mapping[str, tuple[str, ...]] = {
     "outside": tuple(CODES.values()),
     "prior": ("PRIOR_CONFLICT",),
     "level": ("NOISE_ABOVE_DECLARED",),
+    "creep": ("SENSOR_CREEPS",),
     "reset": ("ESTIMATOR_RESET",),
 }
 
@@ -86,6 +87,7 @@ def _from_bytes(case: Case) -> dict[str, Any]:
         "wrong": found["outputs"]["wrong"],
         "fired": by_event(codes)
         | {"gate": found["gated"], "sample": found["windows"]["outliers"]}
+        | {"pace": codes.count("SYNC_CREEPS")}
         | {"mismatch": int(found["reason"] == "MODEL_MISMATCH")},
     }
 

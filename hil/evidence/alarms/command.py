@@ -20,9 +20,9 @@ SCENARIOS = (
     *("mev", "dual_arm", "tumbling_target"),
 )
 STATED: Mapping[str, float] = {
-    **{check: rate(check) for check in ("gate", "outside", "change", "sensor", "prior")},
-    **{check: SHARES[check] for check in ("level", "consistency", "sample")},
-    "mismatch": SHARES["slow"] + SHARES["colour"],
+    **{check: rate(check) for check in ("gate", "outside", "change", "sensor", "prior", "creep")},
+    **{check: SHARES[check] for check in ("level", "consistency", "sample", "pace")},
+    "mismatch": sum(SHARES[check] for check in ("slow", "colour", "drift")),
     "reset": 0.0,
 }
 CONFIDENCE = 0.95
