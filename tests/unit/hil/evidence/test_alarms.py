@@ -36,6 +36,7 @@ def test_a_reason_before_the_first_valid_output_is_no_alarm() -> None:
         "outside": 1,
         "prior": 0,
         "level": 0,
+        "creep": 0,
         "reset": 0,
     }
 

@@ -15,8 +15,8 @@ import yaml
 
 from fsw.__main__ import main
 from fsw.exchange.recording import messages
+from tests.long.fsw.commands.test_import_captures import captured
 from tests.support.encoders import mip
-from tests.virtual.fsw.commands.test_import_captures import captured
 
 LENGTH = 42  # of a STIM300 datagram with rates, accelerations and temperatures, and its CRC
 TIME, ACC, RATE = 0xD5, 0x04, 0x05
