@@ -52,7 +52,7 @@ assert "numpy" not in sys.modules
 main(["check", "nothing.yaml"])
 import numpy
 from threadpoolctl import threadpool_info
-print({pool["num_threads"] for pool in threadpool_info()})
+print({pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"})
 """
 
 
