@@ -3,8 +3,10 @@
 import subprocess
 import sys
 import tomllib
+from graphlib import TopologicalSorter
 from pathlib import Path
 
+import grimp
 import pytest
 
 ROOT = Path(__file__).parents[1]
@@ -73,3 +75,12 @@ def test_every_file_of_the_packages_is_installed():
         if not any(path.match(pattern) for pattern in patterns)
     ]
     assert left_out == []
+
+
+def test_no_module_imports_itself_by_a_detour():
+    packages = ("file_delivery", "fsw", "ground", "hil")
+    graph = grimp.build_graph(*packages, exclude_type_checking_imports=True, cache_dir=None)
+    order = TopologicalSorter(
+        {m: graph.find_modules_directly_imported_by(m) for m in graph.modules}
+    )
+    order.prepare()  # CycleError names the circle

@@ -136,7 +136,7 @@ def explain(model: type[BaseModel], error: ValidationError) -> list[str]:
     inner = {fault["loc"][:k] for fault in faults for k in range(len(fault["loc"]))}
     # a list can be "too short" only because its items are faulty: this is no further fault
     kept = [f for f in faults if f["type"] != "too_short" or f["loc"] not in inner]
-    lines = [cut(_line(model, fault)) for fault in kept[:MAX_FAULTS]]
+    lines = [cut(_line(model, fault)) + _choices(model, fault) for fault in kept[:MAX_FAULTS]]
     more = len(kept) - len(lines)
     return [*lines, f"and {more} more faults"] if more else lines
 
@@ -146,10 +146,7 @@ def _line(model: type[BaseModel], fault: ErrorDetails) -> str:
     kind, value = fault["type"], fault["input"]
     shown = f"(value: {found_words(value)})"
     if kind == "extra_forbidden":
-        allowed = sorted(_section(model, fault["loc"][:-1]))
-        close = get_close_matches(str(fault["loc"][-1])[:100], allowed, n=1)
-        hint = f"did you mean {close[0]!r}? " if close else ""
-        return f"{key}: unknown key {shown}; {hint}allowed here: {', '.join(allowed)}"
+        return f"{key}: unknown key {shown}"
     if kind == "missing" and isinstance(fault["loc"][-1], int):
         whole = key.rpartition(".")[0]
         return f"{whole}: entry {fault['loc'][-1] + 1} is missing {shown}"
@@ -160,6 +157,16 @@ def _line(model: type[BaseModel], fault: ErrorDetails) -> str:
     names_key = is_section and begins_with and begins_with[0] in _section(model, fault["loc"])
     prefix = key + ("." if names_key else ": ") if key else ""
     return prefix + text + f" {shown}" * (not is_section and kind not in COUNTED)
+
+
+def _choices(model: type[BaseModel], fault: ErrorDetails) -> str:
+    """Return all keys that are allowed in the place of an unknown one, the closest one first."""
+    if fault["type"] != "extra_forbidden":
+        return ""
+    allowed = sorted(_section(model, fault["loc"][:-1]))
+    close = get_close_matches(str(fault["loc"][-1])[:100], allowed, n=1)
+    hint = f"did you mean {close[0]!r}? " if close else ""
+    return f"; {hint}allowed here: {', '.join(allowed)}"
 
 
 def _section(model: type[BaseModel], path: tuple[int | str, ...]) -> list[str]:

@@ -18,21 +18,12 @@ import numpy as np
 import pytest
 
 from fsw.telemetry.dictionary import DICTIONARY, Type
-from ground.assets import ENTRY, default_folder
 from ground.commands import Catalogue
 from ground.dictionary import XTCE
 from ground.link import Link
 from ground.telemetry import TelemetryDecoder, apid, split
-from tests.support.browser import (
-    ARTIFACTS,
-    chromium,
-    console_errors,
-    drawn,
-    head,
-    shown,
-)
 from tests.support.daemon_log import DaemonLog
-from tests.support.live_run import ENVIRONMENT, LiveRun, ground, wait_for
+from tests.support.live_run import LiveRun, ground
 from tests.support.packet_checks import CHECKS, NEVER_SENT
 from tests.support.tool import run_tool
 from tests.support.tour import Tour
@@ -50,43 +41,6 @@ def live(tmp_path_factory) -> Iterator[LiveRun]:
     run = LiveRun(tmp_path_factory.mktemp("live"))
     yield run
     run.close()
-
-
-@pytest.fixture
-def page(live, tmp_path) -> Iterator[object]:
-    """Return a browser that shows the live page."""
-    if not (default_folder() / ENTRY).exists():
-        pytest.skip("needs Open MCT: ground fetch-assets, or sh tests/setup")
-    command = [
-        sys.executable,
-        "-m",
-        "ground",
-        "--port",
-        str(live.port),
-        "serve",
-        "--http-port",
-        "0",
-    ]
-    gateway = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=ENVIRONMENT)
-    try:
-        assert gateway.stdout is not None
-        address = gateway.stdout.readline().strip()
-        with chromium(tmp_path / "profile") as browser:
-            browser.get(f"{address}explore")
-            yield browser
-    finally:
-        gateway.terminate()
-        gateway.communicate(timeout=30)
-
-
-def test_the_live_page_sees_the_targets_mass_change(live, page):
-    first = wait_for("a mass", lambda: shown(page, "target mass")[0])
-    wait_for("another mass", lambda: shown(page, "target mass")[0] not in ("", first))
-    assert drawn(page)
-    assert live.daemon.poll() is None
-    ARTIFACTS.mkdir(parents=True, exist_ok=True)
-    assert page.save_screenshot(str(ARTIFACTS / "live_page.png"))
-    assert console_errors(page) == []
 
 
 def test_tmtccmd_pings_and_sees_the_whole_verification_chain(live):
@@ -227,15 +181,6 @@ def test_a_client_goes_through_all_services(live):
     finally:
         tour.close()
     live.kept = tour.kept
-
-
-def test_the_live_page_sees_staleness_when_the_daemon_is_stopped(live, page):
-    wait_for("a mass", lambda: shown(page, "target mass")[0])
-    live.stop_daemon()
-    wait_for("STALE", lambda: "STALE" in head(page))
-    wait_for("a stale row", lambda: shown(page, "target mass")[1])
-    page.save_screenshot(str(ARTIFACTS / "stale_page.png"))
-    assert console_errors(page) == []
 
 
 # what is left behind

@@ -101,6 +101,14 @@ def seen(mark: str, wanted: tuple[str, ...]) -> bool:
     return all(any(word in line for line in lines) for word in wanted)
 
 
+@pytest.fixture(autouse=True)
+def interruptible() -> Iterator[None]:
+    """What is started takes Ctrl-C, also where these tests themselves were started without."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 @pytest.fixture
 def short_path() -> Iterator[Path]:
     """A folder with a short name: the path of a socket below it is at most 93 bytes long."""
