@@ -8,6 +8,7 @@ from pathlib import Path
 
 import grimp
 import pytest
+import yaml
 
 ROOT = Path(__file__).parents[1]
 TOOLS = Path(sys.executable).parent
@@ -33,6 +34,17 @@ def test_the_tool_finds_nothing(name):
         check=False,
     )
     assert done.returncode == 0, f"{done.stdout}\n{done.stderr}"
+
+
+def test_a_commit_is_checked_by_the_same_tools():
+    (repo,) = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text())["repos"]
+    entries = {hook["name"]: hook["entry"] for hook in repo["hooks"]}
+    assert entries == {name: f".venv/bin/{' '.join(words)}" for name, words in COMMANDS.items()}
+
+
+def test_the_workflow_runs_what_ci_runs():
+    workflow = yaml.safe_load((ROOT / ".github" / "workflows" / "tests.yml").read_text())
+    assert {"run": ".ci/run"} in workflow["jobs"]["ci"]["steps"]
 
 
 def block_below(heading: str) -> str:
