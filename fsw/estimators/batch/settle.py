@@ -32,7 +32,8 @@ class Settled:
     level: float
     used: Sequence[Block]
     residuals: Sequence[FloatArray]
-    covariance: FloatArray  # (p, p), wider where residuals are alike from block to block
+    likely: FloatArray  # (p, p), wider where residuals are alike from block to block
+    covariance: FloatArray  # (p, p), and where what is constant creeps
     misfit: bool  # many blocks do not fit the others, or residuals are far larger than noise
     against: str  # what noise does not explain; empty: nothing
     note: str  # why sigma is wider than that of the declared noise; empty: it is not
@@ -100,6 +101,7 @@ def settle(
         used=used,
         residuals=left,
         misfit=solution.status != "ABORTED" and (bool(scattered) or trust.is_large(level)),
+        likely=trust.likely(white, len(left)),
         covariance=covariance,
         note="; ".join(filter(None, (few_in_words(len(used), noise.doubt), alike))),
         against="; ".join(filter(None, (scattered, no_body, trust.in_words(level)))),
