@@ -275,7 +275,7 @@ def _likelihood(
         if solution.status == "ABORTED" or method in CURVED:
             break
         prior = problem.prior_mean, problem.prior_covariance
-        estimate = solution.mean, settled.likely  # a prior that is wrong makes sensors seem to creep
+        estimate = solution.mean, settled.likely  # where a prior is wrong, sensors seem to creep
         wider, found = widen(stated, prior, estimate, bodies_first=True)
         unfit = settled.misfit or solution.status == "NOT_CONVERGED"
         if unfit and any(group.of_model for group in found):
