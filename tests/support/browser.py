@@ -30,7 +30,7 @@ def chromium(folder: Path) -> Iterator[Any]:
     webdriver = pytest.importorskip("selenium.webdriver", reason="needs selenium: sh tests/setup")
     found = shutil.which("chromium"), shutil.which("chromedriver")
     if None in found:
-        pytest.skip("needs Debian's chromium and chromium-driver: sh tests/setup")
+        pytest.skip("needs Debian's chromium and chromium-driver: sh tests/setup --all")
     options = webdriver.ChromeOptions()
     options.binary_location = str(_ending_with_driver(folder, str(found[0])))
     for flag in (*FLAGS, f"--user-data-dir={folder}"):

@@ -12,7 +12,7 @@ import pytest
 def run_tool(python: Path, script: str, *words: object, timeout_s: float) -> dict[str, Any]:
     """Run a script in a tool's own environment; return the JSON of its last line."""
     if not python.exists():
-        pytest.skip(f"needs {python.parents[1].name} in an environment of its own: sh tests/setup")
+        pytest.skip(f"needs {python.parents[1].name}: sh tests/setup --all")
     path = Path(__file__).with_name(script)
     clean = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
     done = subprocess.run(

@@ -24,7 +24,7 @@ def live(tmp_path_factory) -> Iterator[LiveRun]:
 def page(live, tmp_path) -> Iterator[object]:
     """Return a browser that shows the live page."""
     if not (default_folder() / ENTRY).exists():
-        pytest.skip("needs Open MCT: ground fetch-assets, or sh tests/setup")
+        pytest.skip("needs Open MCT: ground fetch-assets, or sh tests/setup --all")
     command = [
         sys.executable,
         "-m",

@@ -23,7 +23,7 @@ OPENC3 = Path(sys.prefix) / "openc3" / "bin" / "python"
 def cosmos() -> dict[str, Any]:
     """Return what openc3 has loaded of the COSMOS export."""
     if not OPENC3.exists():
-        pytest.skip("needs openc3 in an environment of its own: sh tests/setup")
+        pytest.skip("needs openc3 in an environment of its own: sh tests/setup --all")
     script = ROOT / "tests" / "support" / "openc3_client.py"
     command = [OPENC3, script, ROOT / FOLDER / "cosmos"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)

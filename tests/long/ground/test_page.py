@@ -13,7 +13,7 @@ from tests.support.live_run import ENVIRONMENT, wait_for
 
 def test_the_page_follows_the_mass_and_shows_what_is_stale(tmp_path):
     if not (default_folder() / ENTRY).exists():
-        pytest.skip("needs Open MCT: ground fetch-assets, or sh tests/setup")
+        pytest.skip("needs Open MCT: ground fetch-assets, or sh tests/setup --all")
     with FakeDaemon(stream=run_of_estimates(), period_s=0.4) as daemon:
         command = ["-m", "ground", "--port", str(daemon.port), "serve", "--http-port", "0"]
         gateway = subprocess.Popen(

@@ -36,7 +36,7 @@ class Quiet(SimpleHTTPRequestHandler):
 def gateway():
     """Give the address of a live page whose daemon reports markup as an event."""
     if not (default_folder() / ENTRY).exists():
-        pytest.skip("needs Open MCT: ground fetch-assets, or sh tests/setup")
+        pytest.skip("needs Open MCT: ground fetch-assets, or sh tests/setup --all")
     event = packet("event_high", met_s=5.0, event=10, occurrence=1, text=MARKUP)
     with FakeDaemon(stream=lambda: event, period_s=0.4) as daemon:
         command = ["-m", "ground", "--port", str(daemon.port), "serve", "--http-port", "0"]

@@ -74,7 +74,7 @@ def choose(browser, name: str) -> None:
 def page(tmp_path):
     """Give daemon, browser on the page, and the ground's state folder."""
     if not (default_folder() / ENTRY).exists():
-        pytest.skip("needs Open MCT: ground fetch-assets, or sh tests/setup")
+        pytest.skip("needs Open MCT: ground fetch-assets, or sh tests/setup --all")
     with FakeDaemon(answer, stream=telemetry(), period_s=0.4) as daemon:
         command = ["-m", "ground", "--port", str(daemon.port), "--state", str(tmp_path / "state")]
         command += ["serve", "--http-port", "0", "--command"]

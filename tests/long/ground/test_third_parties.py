@@ -45,7 +45,7 @@ def live(tmp_path_factory) -> Iterator[LiveRun]:
 
 def test_tmtccmd_pings_and_sees_the_whole_verification_chain(live):
     if not TMTCCMD.exists():
-        pytest.skip("needs tmtccmd in an environment of its own: sh tests/setup")
+        pytest.skip("needs tmtccmd in an environment of its own: sh tests/setup --all")
     script = Path(__file__).parents[2] / "support" / "tmtccmd_ping.py"
     clean = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
     done = subprocess.run(
@@ -76,7 +76,7 @@ def test_openc3_sends_commands_by_the_export_and_sees_them_verified(live):
 
 
 def test_librecube_gets_a_file_byte_by_byte_with_one_percent_of_the_units_lost(live, tmp_path):
-    cfdp = pytest.importorskip("cfdp", reason="needs cfdp (LibreCube): sh tests/setup")
+    cfdp = pytest.importorskip("cfdp", reason="needs cfdp (LibreCube): sh tests/setup --all")
     from cfdp.filestore import NativeFileStore
     from cfdp.transport.base import Transport
 
@@ -231,7 +231,7 @@ def test_the_last_counters_are_those_of_the_daemons_last_summary(live, packets):
 
 
 def test_ccsdspy_decodes_the_stored_stream_in_bulk(packets):
-    ccsdspy = pytest.importorskip("ccsdspy", reason="needs ccsdspy: sh tests/setup")
+    ccsdspy = pytest.importorskip("ccsdspy", reason="needs ccsdspy: sh tests/setup --all")
     decoder = TelemetryDecoder()
     streams: dict[str, list[bytes]] = {}
     for raw in packets:

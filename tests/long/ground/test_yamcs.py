@@ -21,7 +21,7 @@ STAGES = ("Verifier_Accepted", "Verifier_Start", "Verifier_Complete")
 def found(tmp_path_factory) -> dict[str, Any]:
     """Return what Yamcs has seen and made of its commands."""
     if not PYTHON.exists():
-        pytest.skip("needs yamcs in an environment of its own: sh tests/setup")
+        pytest.skip("needs yamcs in an environment of its own: sh tests/setup --all")
     folder = tmp_path_factory.mktemp("yamcs")
     with socket.create_server(("127.0.0.1", 0)) as free:
         http_port = free.getsockname()[1]

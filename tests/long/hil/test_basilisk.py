@@ -11,7 +11,7 @@ CHI2_10_999 = 29.6  # 99.9 % bound of chi-squared with 10 degrees of freedom
 
 pytestmark = pytest.mark.skipif(
     not ENVIRONMENT.exists(),
-    reason="needs Basilisk in an environment of its own: sh tests/setup",
+    reason="needs Basilisk in an environment of its own: sh tests/setup --all",
 )
 
 

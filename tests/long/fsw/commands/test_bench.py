@@ -47,7 +47,7 @@ def test_a_stall_of_300_ms_loses_nothing_and_a_longer_one_is_counted_to_the_fram
     assert figures[f"{long}: of these counted"][0]["own"] == lost["own"]
 
 
-@pytest.mark.skipif(which("cyclictest") is None, reason="needs cyclictest: sh tests/setup")
+@pytest.mark.skipif(which("cyclictest") is None, reason="needs cyclictest: sh tests/setup --all")
 def test_the_line_and_the_timer_stand_beside_their_references(figures) -> None:
     (line,) = figures["serial line: processor time"]
     assert line["ratio"] < 2.0
