@@ -3,6 +3,7 @@
 import argparse
 from collections.abc import Callable
 from importlib import import_module
+from pathlib import Path
 
 
 def count(text: str) -> int:
@@ -23,6 +24,13 @@ def count_or_none(text: str) -> int:
     if not (text.isascii() and text.isdecimal()):
         raise argparse.ArgumentTypeError(f"{text}: must be a whole number of at least 0")
     return int(text)
+
+
+def add_resumable(parser: argparse.ArgumentParser, kept: str) -> None:
+    """Add the options of a campaign that can be resumed: `--jobs`, `--out` and `--json`."""
+    parser.add_argument("--jobs", type=count, default=1, metavar="N", help="processes, 1")
+    parser.add_argument("--out", type=Path, metavar="DIR", help=f"keep the {kept} and resume")
+    parser.add_argument("--json", action="store_true", dest="as_json", help="print one JSON object")
 
 
 def call(arguments: argparse.Namespace) -> int:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hil.evidence.lies import arguments as lies
-from hil.options import count, count_or_none, seed
+from hil.options import add_resumable, count, count_or_none, seed
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -109,9 +109,7 @@ def _add_alarms(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
         dest="from_bytes",
         help="flights of each from the devices' bytes, 100",
     )
-    alarms.add_argument("--jobs", type=count, default=1, metavar="N", help="processes, 1")
-    alarms.add_argument("--out", type=Path, metavar="DIR", help="keep the flights and resume")
-    alarms.add_argument("--json", action="store_true", dest="as_json", help="print one JSON object")
+    add_resumable(alarms, "flights")
     alarms.set_defaults(function="hil.evidence.alarms.command:run")
     lies.add_parser(commands)
 

@@ -1,9 +1,8 @@
 """The arguments of `hil lies`, and the names it knows; no import of what flies."""
 
 import argparse
-from pathlib import Path
 
-from hil.options import count, seed
+from hil.options import add_resumable, count, seed
 
 SENSORS = ("torque", "encoder", "gyro", "accelerometer", "tracker")
 KINDS = ("gain", "zero", "drift", "delay")
@@ -29,7 +28,5 @@ def add_parser(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") 
         metavar="K",
         help="for development, below 1000; default: drawn from the commit's hash",
     )
-    lies.add_argument("--jobs", type=count, default=1, metavar="N", help="processes, 1")
-    lies.add_argument("--out", type=Path, metavar="DIR", help="keep the lies and resume")
-    lies.add_argument("--json", action="store_true", dest="as_json", help="print one JSON object")
+    add_resumable(lies, "lies")
     lies.set_defaults(function="hil.evidence.lies.command:run")

@@ -28,7 +28,7 @@ from tests.support.packet_checks import CHECKS, NEVER_SENT
 from tests.support.tool import run_tool
 from tests.support.tour import Tour
 
-pytestmark = pytest.mark.timeout(900)  # a busy machine draws the page slowly
+pytestmark = pytest.mark.timeout(900)  # a busy machine starts the daemon slowly
 
 TMTCCMD = Path(sys.prefix) / "tmtccmd" / "bin" / "python"
 OPENC3 = Path(sys.prefix) / "openc3" / "bin" / "python"
