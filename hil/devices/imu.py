@@ -31,7 +31,7 @@ class Imu:
         t0_ns: int,
     ) -> None:
         if stim300.INTERNAL_RATE_HZ % config.rate_hz:
-            raise ValueError(f"imu.rate_hz {config.rate_hz} must divide 2000")
+            raise ValueError(f"sensors.imu.rate_hz: must divide 2000 (value: {config.rate_hz})")
         rng = generator(seed, "imu", 0, 3)
         self.clock_error_ppm = float(rng.uniform(-1.0, 1.0)) * config.clock_error_ppm
         self._period_ns = 1e9 / config.rate_hz * (1.0 + 1e-6 * self.clock_error_ppm)
@@ -54,7 +54,10 @@ class Imu:
         length = stim300.layout_of(config.datagram_id).length + 2 * config.crlf
         budget_s = 1.0 / config.rate_hz - config.latency_jitter_s
         if length * 10 / config.baud_rate >= budget_s:
-            raise ValueError(f"{length} bytes at {config.baud_rate} bit/s exceed the IMU's period")
+            raise ValueError(
+                f"sensors.imu.baud_rate: too slow, {length} bytes exceed a period of the unit "
+                f"(value: {config.baud_rate})"
+            )
 
     def sample_ns(self, n: IntArray) -> IntArray:
         """Return the sample instants of datagrams n on the host's clock [ns]."""

@@ -38,6 +38,7 @@ class Plant:
     t0_ns : power-on, on the host's clock
     sync_rate_hz : rate of the host's SYNC, at which noise blocks are sampled
     thrusters : thrusters whose valves the thruster node of `sensors` reports
+    sliding : which joints are prismatic, base to tool; empty: none
     """
 
     def __init__(
@@ -50,6 +51,7 @@ class Plant:
         t0_ns: int = 0,
         sync_rate_hz: float = 500.0,
         thrusters: ThrusterSystem | None = None,
+        sliding: Sequence[bool] = (),
     ) -> None:
         self.sensors = sensors
         self.clock = TruthClock(start_delay_s)
@@ -61,15 +63,14 @@ class Plant:
         if len(self.nodes) != n:
             raise ValueError(f"joints.nodes: {len(self.nodes)} nodes for a robot of {n} joints")
         rate_hz = sensors.joints.sync_rate_hz or sync_rate_hz
-        self.joint_errors = JointErrors(sensors.joints, n, seed, rate_hz)
+        self.joint_errors = JointErrors(sensors.joints, n, seed, rate_hz, sliding)
         if sensors.joints.torque == "motor_current":
             self._table.measure_at_motors(self.joint_errors.motor_side)
         self._signs = np.array([float(node.sign) for node in self.nodes])
         self._zeros = np.array([node.zero_offset_rad for node in self.nodes])
         is_fd = [node.format == "fd" for node in self.nodes]
         self._is_fd = np.array(is_fd)
-        is_sliding = [node.is_prismatic for node in self.nodes]
-        self._scale = FieldScale(is_fd, sensors.joints.torque_range_nm, is_sliding)
+        self._scale = FieldScale(is_fd, sensors.joints.torque_range_nm, sliding)
         self._latched_ns = t0_ns
         self._readings: list[Reading] = []  # of the latch at _latched_ns
         self._step_ns = 0  # time from the latch before to this latch

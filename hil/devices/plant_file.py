@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from pydantic import TypeAdapter
+from pydantic import TypeAdapter, ValidationError
 
 from hil.devices.plant import Plant
 from hil.world.contact import Contact
@@ -20,6 +20,7 @@ from hil.world.springs import Panel, SloshMass
 from hil.world.stand import Stand
 from hil.world.thrusters import ThrusterSystem
 from hil.world.wheels import WheelSystem
+from hil.world.words import faults
 
 TAIL_S = 0.1
 TUMBLING_TAIL_S = 20.0  # longer than the rest of any run after the motion
@@ -123,9 +124,12 @@ class PlantFile:
 
 
 def load(path: Path) -> PlantFile:
-    """Read the file. Raises pydantic's ValueError for unknown, missing or invalid keys."""
+    """Read the file. Raises ValueError with one line for unknown, missing or invalid keys."""
     data: Any = yaml.safe_load(path.read_text(encoding="utf-8"))
-    return TypeAdapter(PlantFile).validate_python(data)
+    try:
+        return TypeAdapter(PlantFile).validate_python(data)
+    except ValidationError as error:
+        raise ValueError(faults(error, PlantFile)) from error
 
 
 def build(file: PlantFile, folder: Path, t0_ns: int) -> Plant:
@@ -166,4 +170,5 @@ def build(file: PlantFile, folder: Path, t0_ns: int) -> Plant:
         start_delay_s=file.start_delay_s,
         t0_ns=t0_ns,
         thrusters=file.thrusters,
+        sliding=robot.is_prismatic,
     )

@@ -161,6 +161,7 @@ def prepare(
         history = truth_of(scenario, robot, spline)
     else:
         history = _stored(truth, scenario, robot, spline)
+    plant_of(scenario, robot, history, seed)  # devices that cannot be are refused here
     return Setup(
         scenario=scenario,
         seed=seed,
@@ -172,6 +173,25 @@ def prepare(
         spline=spline,
         history=history,
         bus_ports=ports,
+    )
+
+
+def plant_of(scenario: Scenario, robot: Robot, history: TruthHistory, seed: int) -> Plant:
+    """Return the devices of a scenario, powered on at T0_NS.
+
+    Raises
+    ------
+    ValueError if the sensors cannot be as they are described.
+    """
+    return Plant(
+        history,
+        SensorConfig.from_dict(scenario.sensors),
+        seed,
+        start_delay_s=scenario.before_s,
+        t0_ns=T0_NS,
+        sync_rate_hz=float(scenario.flight["bus"]["rate_hz"]),
+        thrusters=scenario.thrusters,
+        sliding=robot.is_prismatic,
     )
 
 
@@ -235,15 +255,7 @@ class VirtualRun:
 
     def __init__(self, setup: Setup, *, record: bool) -> None:
         self.setup = setup
-        self._plant = Plant(
-            setup.history,
-            SensorConfig.from_dict(setup.scenario.sensors),
-            setup.seed,
-            start_delay_s=setup.scenario.before_s,
-            t0_ns=T0_NS,
-            sync_rate_hz=float(setup.scenario.flight["bus"]["rate_hz"]),
-            thrusters=setup.scenario.thrusters,
-        )
+        self._plant = plant_of(setup.scenario, setup.robot, setup.history, setup.seed)
         self.world = world = VirtualBench(self._plant, T0_NS, seed=setup.seed)
         install(setup.scenario.faults, world, setup.seed, T0_NS)
         self._collector = Collector()

@@ -14,7 +14,7 @@ from hil.world.environment.config import OrbitSection
 from hil.world.environment.orbit import Orbit
 from hil.world.inertia import FloatArray
 from hil.world.prior import Prior
-from hil.world.robot import Robot
+from hil.world.robot import Robot, read_links
 from hil.world.scenario import Scenario, mapping_from
 from hil.world.sensor_config import SensorConfig
 
@@ -69,7 +69,8 @@ def flight_document(
         angle + sensors.joints.start_sigma_rad * float(draws(seed, "joint", (), i, 4))
         for i, angle in enumerate(start_rad or [0.0] * len(joint_names))
     ]
-    joints = joint_sections(sensors, flight, joint_names, begin_rad, stamp_noise_rad)
+    sliding = {link.joint for link in read_links(scenario.urdf) if link.is_prismatic}
+    joints = joint_sections(sensors, flight, joint_names, sliding, begin_rad, stamp_noise_rad)
     document: dict[str, Any] = {
         "robot": {"urdf": URDF, "tool_frame": scenario.tool_frame, "links_sigma_ratio": 0.0},
         "bodies": bodies,

@@ -1,7 +1,7 @@
 """Sections of the flight configuration for joints, inertial unit and star tracker."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -37,10 +37,13 @@ def joint_sections(
     sensors: SensorConfig,
     flight: Mapping[str, Any],
     names: Sequence[str],
+    sliding: Collection[str],
     begin_rad: Sequence[float],
     stamp_noise_rad: float,
 ) -> list[dict[str, Any]]:
     """Return the section `joints`, base to tool; only speed encoders use `begin_rad`.
+
+    `sliding` : names of the prismatic joints
 
     Raises
     ------
@@ -49,7 +52,6 @@ def joint_sections(
     rate_hz = float(flight["bus"]["rate_hz"])
     return [
         _in_units_of(
-            node,
             {
                 "name": name,
                 "bus": node.bus,
@@ -57,9 +59,12 @@ def joint_sections(
                 "format": node.format,
                 "sign": node.sign,
                 "speed_limit_rad_s": flight["speed_limit_rad_s"],
-                **_angle(sensors.joints, node, start_rad, stamp_noise_rad, rate_hz),
+                **_angle(
+                    sensors.joints, node, start_rad, stamp_noise_rad, rate_hz, name in sliding
+                ),
                 **_torque(sensors.joints, node, flight),
             },
+            is_prismatic=name in sliding,
         )
         for name, node, start_rad in zip(names, _nodes(sensors, len(names)), begin_rad, strict=True)
     ]
@@ -90,9 +95,9 @@ def position_noise_rad(
     return math.hypot(noise, step, stamp_noise_rad)
 
 
-def _in_units_of(node: NodeConfig, joint: dict[str, Any]) -> dict[str, Any]:
+def _in_units_of(joint: dict[str, Any], *, is_prismatic: bool) -> dict[str, Any]:
     """Return a joint's section; for a prismatic joint, rename keys to metres and newtons."""
-    if not node.is_prismatic:
+    if not is_prismatic:
         return joint
     named = {"kind": "prismatic"}
     for key, value in joint.items():
@@ -109,10 +114,11 @@ def _angle(
     start_rad: float,
     stamp_noise_rad: float,
     rate_hz: float,
+    is_prismatic: bool,
 ) -> dict[str, Any]:
     """Return the encoder's keys of a joint's section; `start_rad` is the declared start angle."""
     if node.encoder == "speed":
-        step = POSITION_STEP_RAD / (math.tau if node.is_prismatic else 1.0)
+        step = POSITION_STEP_RAD / (math.tau if is_prismatic else 1.0)
         return {
             "encoder": "speed",
             "speed_noise_rad_s": math.hypot(joints.speed_noise_rad_s, step / math.sqrt(12)),
@@ -122,7 +128,7 @@ def _angle(
     return {
         "zero_offset_rad": -node.zero_offset_rad,  # flight: sign x reading - offset
         "position_noise_rad": position_noise_rad(
-            joints, stamp_noise_rad, rate_hz, is_prismatic=node.is_prismatic
+            joints, stamp_noise_rad, rate_hz, is_prismatic=is_prismatic
         ),
         "zero_sigma_rad": 0.0,
     }

@@ -73,6 +73,7 @@ class Robot:
     upper_rad: FloatArray
     effort_nm: FloatArray
     speed_rad_s: FloatArray
+    is_prismatic: tuple[bool, ...]  # (n,)
     tool_id: int
     mount_p_BM_B_m: FloatArray  # (3,) base of the arm that grasps: frame of its first joint at zero
     mount_R_BM: FloatArray  # (3, 3)
@@ -141,6 +142,7 @@ class Robot:
             upper_rad=np.array([link.upper_rad for link in arm]),
             effort_nm=np.array([link.effort_nm for link in arm]),
             speed_rad_s=np.array([link.speed_rad_s for link in arm]),
+            is_prismatic=tuple(link.is_prismatic for link in arm),
             tool_id=int(model.body(tool.name).id),
             mount_p_BM_B_m=data.xpos[first].copy(),
             mount_R_BM=data.xmat[first].reshape(3, 3).copy(),

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from pydantic import ConfigDict, TypeAdapter
+from pydantic import ConfigDict, TypeAdapter, model_validator
 from scipy.spatial.transform import Rotation
 
 from hil.world.noise import BandLimitedWhiteNoise
@@ -17,12 +17,28 @@ Chunking = Literal["datagram", "ms1", "random"]
 STRICT = ConfigDict(extra="forbid")
 
 
+def _with_quaternion(section: object) -> object:
+    """Return a section with q_BS_xyzw in place of rpy_BS_rad (fixed axes, as in a URDF)."""
+    if not isinstance(section, dict) or "rpy_BS_rad" not in section or "q_BS_xyzw" in section:
+        return section
+    rest, angles = dict(section), section["rpy_BS_rad"]
+    del rest["rpy_BS_rad"]
+    if not (isinstance(angles, list | tuple) and len(angles) == 3 and all(map(_is_angle, angles))):
+        raise ValueError(f"rpy_BS_rad: must be three angles of at most 2 pi rad (value: {angles})")
+    return rest | {"q_BS_xyzw": Rotation.from_euler("xyz", angles).as_quat().tolist()}
+
+
+def _is_angle(value: object) -> bool:
+    return isinstance(value, int | float) and abs(value) <= math.tau
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NodeConfig:
     """One joint node and how its raw values relate to the URDF's joint.
 
     The node reports `sign * (q - zero_offset_rad)` and `sign * torque`. Without a torque sensor
     the torque is zero and invalid; with a speed encoder the node reports `sign * qd`, no position.
+    Of a joint that the URDF calls prismatic these are metres and newtons.
     """
 
     __pydantic_config__ = STRICT
@@ -33,7 +49,6 @@ class NodeConfig:
     zero_offset_rad: float = 0.0
     torque_sensor: bool = True
     encoder: Literal["position", "speed"] = "position"
-    is_prismatic: bool = False  # the position step is 2^-24 m, not 2^-24 revolutions
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,6 +100,7 @@ class ImuSensorConfig:
     """Inertial unit: noise, mounting and time behaviour."""
 
     __pydantic_config__ = STRICT
+    _angles = model_validator(mode="before")(_with_quaternion)
     p_BS_m: Vector3
     q_BS_xyzw: Quaternion
     angle_random_walk_rad_sqrt_s: float
@@ -117,6 +133,7 @@ class StarTrackerSensorConfig:
     """Star tracker: noise about its axes (boresight z) and time behaviour."""
 
     __pydantic_config__ = STRICT
+    _angles = model_validator(mode="before")(_with_quaternion)
     p_BS_m: Vector3 = (0.0, 0.0, 0.0)
     q_BS_xyzw: Quaternion
     noise_across_rad: float = math.radians(2.0 / 3600.0)
@@ -181,14 +198,4 @@ class SensorConfig:
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> SensorConfig:
         """Validate a YAML mapping; unknown or missing keys raise ValueError."""
-        sections = {key: _with_quaternion(section) for key, section in data.items()}
-        return TypeAdapter(cls).validate_python(sections)
-
-
-def _with_quaternion(section: object) -> object:
-    """Return the section with q_BS_xyzw in place of rpy_BS_rad (fixed axes, as in a URDF)."""
-    if not isinstance(section, dict) or "rpy_BS_rad" not in section or "q_BS_xyzw" in section:
-        return section
-    rest = {key: value for key, value in section.items() if key != "rpy_BS_rad"}
-    angles = TypeAdapter(Vector3).validate_python(section["rpy_BS_rad"])
-    return rest | {"q_BS_xyzw": Rotation.from_euler("xyz", angles).as_quat().tolist()}
+        return TypeAdapter(cls).validate_python(data)

@@ -7,6 +7,7 @@ streams, spawned from the run's seed, so a change of one device leaves the noise
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -80,8 +81,14 @@ class JointErrors:
     """Encoder and torque sensor errors of n joints, drawn joint by joint."""
 
     def __init__(
-        self, config: JointSensorConfig, n: int, seed: int, rate_hz: float = 500.0
+        self,
+        config: JointSensorConfig,
+        n: int,
+        seed: int,
+        rate_hz: float = 500.0,
+        sliding: Sequence[bool] = (),
     ) -> None:
+        """Draw the errors; `sliding`: which joints are prismatic, empty: none."""
         draws = [generator(seed, "joint", i, 1).standard_normal(2) for i in range(n)]
         self.config = config
         self.torque_offset_nm = config.torque_offset_sigma_nm * np.array([d[0] for d in draws])
@@ -110,8 +117,8 @@ class JointErrors:
             for sigma, block in zip(sigmas, self._blocks, strict=True)
         ]
         self._fading = Fading(config.torque_noise_correlation_s, rate_hz, n)
-        units = [1.0 if node.is_prismatic else 2.0 * math.pi for node in config.nodes]
-        self._step_rad = (np.array(units) if units else 2.0 * math.pi) / 2**config.encoder_bits
+        units = np.where(sliding, 1.0, math.tau) if len(sliding) else math.tau
+        self._step_rad = units / 2**config.encoder_bits
         size_nm = config.torque_hysteresis_ratio * config.rated_torque_nm
         width_nm = HYSTERESIS_WIDTH_RATIO * config.rated_torque_nm
         self._hysteresis = Hysteresis(size_nm, width_nm, n) if size_nm > 0 else None

@@ -1,15 +1,37 @@
 """Messages about an invalid scenario file: the kind of another file, and the faults by key."""
 
+import json
 from collections.abc import Mapping
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel, TypeAdapter, ValidationError
+from pydantic_core import ErrorDetails
 
 LONGEST_VALUE = 60  # characters of a wrong value that a message repeats
 MOST_FAULTS = 4  # in one message
 REFERENCE = "docs/reference/scenario.md has every key"
+WORDS = {  # by pydantic's type of fault, whose context has the bounds
+    "greater_than": "must be above {gt:g}",
+    "greater_than_equal": "must be at least {ge:g}",
+    "less_than": "must be below {lt:g}",
+    "less_than_equal": "must be at most {le:g}",
+    "literal_error": "must be {expected}",
+    "too_short": "must have at least {min_length} entries",
+    "too_long": "must have at most {max_length} entries",
+    "dataclass_type": "must be a section of keys and values",
+}
+KINDS = {  # by the first word of other types of fault
+    "float": "a number",
+    "finite": "a finite number",
+    "int": "a whole number",
+    "bool": "true or false",
+    "string": "text",
+    "path": "a file's name",
+    **dict.fromkeys(("list", "tuple"), "a list"),
+    **dict.fromkeys(("dict", "model"), "a section of keys and values"),
+}
 UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
 OTHER_TEXTS = {b"\x89MCAP": "a recording; fsw identify takes it", b"<": "XML, such as a URDF"}
 OTHER_KEYS = {  # kind of a mapping that has the key and no `sensors`
@@ -48,13 +70,25 @@ def faults(error: ValidationError, model: type[Any] | None = None) -> str:
             found.append(f"{key}: unknown key; {_hint(model, e['loc'])}")
             continue
         if e["type"] == "missing":
-            found.append(f"{key}: missing")
+            where, _, last = key.rpartition(".")
+            start = f"{where}: entry {int(last) + 1} is" if last.isdecimal() else f"{key}:"
+            found.append(f"{start} missing")
             continue
-        value = repr(e["input"])
-        given = f" (given: {value})" if len(value) <= LONGEST_VALUE else ""
-        found.append(f"{key}: {e['msg']}{given}")
+        words, value = _bound(e), json.dumps(e["input"], default=str)  # as YAML writes it
+        is_short = len(value) <= LONGEST_VALUE and "value:" not in words
+        found.append(f"{key}{words}" + f" (value: {value})" * is_short)
     more = len(errors) - len(found)
     return "; ".join([*found, f"and {more} more"] if more else found)
+
+
+def _bound(fault: ErrorDetails) -> str:
+    """Return what stands between key and value: the key's end in words of our own, the bound."""
+    kind, own = fault["type"], fault["msg"].removeprefix("Value error, ")
+    if kind in WORDS:
+        return ": " + WORDS[kind].format(**fault.get("ctx", {}))
+    if of_kind := KINDS.get(kind.partition("_")[0]):
+        return f": must be {of_kind}"
+    return ("." if own.startswith("rpy_BS_rad:") else ": ") + own
 
 
 def _hint(model: type[Any] | None, place: tuple[int | str, ...]) -> str:

@@ -18,10 +18,7 @@ BAND_999 = (3.3, 20.3)  # mean of three chi-squared values with 10 degrees of fr
 def flown(folder: Path, seed: int, form: str = "classic") -> dict[str, Any]:
     scenario = short(folder, points=8)
     joints = dict(scenario.sensors["joints"])
-    joints["nodes"] = [
-        node | {"format": form, "is_prismatic": k == JOINT}
-        for k, node in enumerate(joints["nodes"])
-    ]
+    joints["nodes"] = [node | {"format": form} for node in joints["nodes"]]
     sensors = scenario.sensors | {"joints": joints}
     scenario = replace(scenario, urdf=sliding_urdf(folder), sensors=sensors)
     setup = bench.prepare(scenario, seed, folder)

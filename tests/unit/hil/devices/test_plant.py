@@ -88,6 +88,15 @@ def test_node_sign_and_zero_are_those_of_the_raw_value():
     assert abs(-torque / 100 - state.tau[2]) < 0.00501
 
 
+def test_a_prismatic_joint_counts_metres_and_its_encoder_steps_in_them():
+    config = sensor_config({"nodes": NODES, "encoder_bits": 10})
+    sliding = [k == 2 for k in range(7)]
+    plant = Plant(AnalyticHistory(), config, 1, start_delay_s=0.0, sliding=sliding)
+    (position,) = struct.unpack_from("<i", pdo1(run_bus(plant, 100)[99])[2][2])
+    assert position % 2**14 == 0
+    assert abs(position / 2**24 - AnalyticHistory().at(0.198).q[2]) <= 0.5 / 2**10
+
+
 @pytest.mark.parametrize("form", ["classic", "fd"])
 def test_a_node_without_position_sends_its_speed(form):
     """Where position stands in a classic frame; beside a position of zero in one of CAN FD."""

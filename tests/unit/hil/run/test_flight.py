@@ -1,6 +1,7 @@
 """The files of a run: no truth of an unknown body on the flight side, conventions translated."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from hil.run.plant_document import plant_document
 from hil.world.prior import draw_prior
 from hil.world.scenario import load
 from hil.world.sensor_config import NodeConfig, SensorConfig
+from tests.support.sliding import JOINT, sliding_urdf
 
 
 def flight_of(name, seed, folder):
@@ -111,6 +113,37 @@ def test_the_plant_file_is_accepted_by_the_plant(tmp_path):
     assert file.seed == 5
     assert (tmp_path / file.trajectory).is_file()
     assert file.bodies.target is not None
+
+
+def test_angles_in_the_place_of_a_quaternion_are_the_same_for_both_sides(tmp_path):
+    """Roll -pi/2 alone is the quaternion (-1, 0, 0, 1) / sqrt(2)."""
+    from hil.devices.plant_file import load as load_plant
+
+    scenario = load("target_leo")
+    imu = {key: value for key, value in scenario.sensors["imu"].items() if key != "q_BS_xyzw"}
+    sensors = scenario.sensors | {"imu": imu | {"rpy_BS_rad": [-math.pi / 2, 0, 0]}}
+    turned = replace(scenario, sensors=sensors)
+    document = plant_document(turned, 1, tmp_path, {"arm": 43113})
+    plant = load_plant(write_yaml(tmp_path / "plant.yaml", document))
+    half = math.sqrt(0.5)
+    assert plant.sensors.imu.q_BS_xyzw == pytest.approx((-half, 0, 0, half))
+    told = flight_document(turned, {}, joint_names(turned), tmp_path, turned.bus_ports, {})
+    assert told["imu"]["mounting"]["q_BS_xyzw"] == pytest.approx([-half, 0, 0, half])
+
+
+def test_a_fault_of_the_plant_file_is_one_line(tmp_path):
+    from hil.devices.plant_file import load as load_plant
+
+    document = plant_document(load("both"), 5, tmp_path, {"arm": 43113}) | {"seed": "x"}
+    with pytest.raises(ValueError, match=r"^seed: must be a whole number \(value: \"x\"\)$"):
+        load_plant(write_yaml(tmp_path / "plant.yaml", document))
+
+
+def test_the_urdf_says_which_joint_is_prismatic(tmp_path):
+    scenario = replace(load("target_leo"), urdf=sliding_urdf(tmp_path))
+    told = flight_document(scenario, {}, joint_names(scenario), tmp_path, scenario.bus_ports, {})
+    kinds = [joint.get("kind", "revolute") for joint in told["joints"]]
+    assert [k for k, kind in enumerate(kinds) if kind == "prismatic"] == [JOINT]
 
 
 def test_an_uncertain_stamp_adds_to_the_position_noise():
