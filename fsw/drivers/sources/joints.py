@@ -1,13 +1,22 @@
 """Joint nodes of one CAN bus: frames to calibrated samples, timed by SYNC."""
 
 from collections import deque
-from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fsw.config import BusConfig, HealthConfig, JointConfig
 from fsw.drivers.codecs import canopen
+from fsw.drivers.layout.shipped import (
+    JOINT,
+    JOINT_FD,
+    JOINT_SLOW,
+    READ_JOINT,
+    READ_JOINT_FD,
+    READ_JOINT_SLOW,
+    READ_SPEED_FD,
+)
 from fsw.drivers.sources.bus_errors import BusErrors
 from fsw.drivers.sources.bus_watch import Answers, BusWatch, Mark
 from fsw.drivers.sources.counters import Counters
@@ -26,6 +35,7 @@ from fsw.messages.findings import Fault, Finding
 LOST_AFTER_NS = 100_000_000  # a SYNC without a sample after this time counts as a lost sample
 MOST_SYNCS = HISTORY_SYNCS // 2  # per batch; a longer batch is split, so that every loss is counted
 MAX_EVENTS = 256
+READERS = (READ_JOINT, READ_JOINT_FD, READ_SPEED_FD)  # a classic node sends speed as its position
 ERROR_BUS_OFF, ERROR_RESTARTED = 0x040, 0x100  # classes of a SocketCAN error frame
 _FAULT_OF_REJECT = {
     Reject.LENGTH: Fault.JOINT_LENGTH,
@@ -72,10 +82,11 @@ class JointBusSource:
         self._ids = np.array([config.node_id for config in configs], np.int64)
         self._place = np.full(canopen.NODE_MASK + 1, -1)  # of a node's joint in `joints`; -1: none
         self._place[self._ids] = np.arange(len(joints))
-        self._is_fd = np.array([config.format == "fd" for config in configs])
+        is_fd = np.array([config.format == "fd" for config in configs], np.bool_)
         self._senses_torque = np.array([config.torque != "none" for config in configs])
-        self._speed_only = np.array([config.speed_only for config in configs])
-        self._lengths = np.where(self._is_fd, canopen.FD_TPDO1_BYTES, canopen.TPDO1_BYTES)
+        self._readers = is_fd * np.array([1 + config.speed_only for config in configs], np.int64)
+        self._kinds = sorted(set(self._readers.tolist())) or [0]
+        self._lengths = np.where(is_fd, JOINT_FD.length, JOINT.length)
         self._counts = Counters()  # of frames of no configured joint
         self._states: dict[int, int] = {}
         self._other_frames = 0
@@ -120,13 +131,12 @@ class JointBusSource:
         values = {}
         for place, data in sorted(self._slow.items()):
             joint = self._tracks[place].config
-            slow = canopen.decode_tpdo2(data[: canopen.TPDO2_BYTES].tobytes())
-            if not isinstance(slow, Reject):
-                values[joint.name] = {
-                    "velocity_rad_s": self._calibration.rate(place, slow.velocity_rad_s),
-                    "motor_torque_ratio": joint.sign * slow.motor_torque_ratio,
-                    "temperature_degc": slow.temperature_c,
-                }
+            velocity, torque, temperature = (float(own[0]) for own in READ_JOINT_SLOW(data[None]))
+            values[joint.name] = {
+                "velocity_rad_s": self._calibration.rate(place, velocity),
+                "motor_torque_ratio": joint.sign * torque,
+                "temperature_degc": temperature,
+            }
         return values
 
     def events(self) -> list[tuple[str, str, str]]:
@@ -174,7 +184,7 @@ class JointBusSource:
     def _slow_values(self, frames: FrameArray) -> None:
         """Keep the newest TPDO2 of every joint; `motor_side` decodes it."""
         self._other_frames += len(frames)
-        whole = picked(frames, frames["length"] == canopen.TPDO2_BYTES)
+        whole = picked(frames, frames["length"] == JOINT_SLOW.length)
         places = self._place[whole["word"] & canopen.NODE_MASK].tolist()
         self._slow.update(zip(places, whole["data"], strict=True))
 
@@ -239,19 +249,20 @@ class JointBusSource:
         """Return the good samples of TPDO1 frames (k,); `node` (k,) is the place of each joint."""
         t_ns, length = frames["t_ns"], frames["length"]
         whole = length == self._lengths[node]
-        pdo = self._decode(frames["data"], node, whole)
-        index, sync_ns, newest, crept = self._syncs.match(pdo.sync_counter, rows, t_ns)
+        position_rad, torque_nm, status, counter = self._decode(frames["data"], node)
+        counter[~whole] = 0  # of no SYNC
+        index, sync_ns, newest, crept = self._syncs.match(counter, rows, t_ns)
         index[~whole] = UNKNOWN
         self._watch.feed(Answers(self._ids[node], index, newest, rows, t_ns), syncs, others)
-        usable = (index >= 0) & ~crept & canopen.position_usable(pdo.status)
-        position_rad, torque_nm = self._calibration.apply(node, pdo.position_rad, pdo.torque_nm)
+        usable = (index >= 0) & ~crept & canopen.position_usable(status)
+        position_rad, torque_nm = self._calibration.apply(node, position_rad, torque_nm)
         senses = self._senses_torque[node]
-        has_torque = canopen.torque_usable(pdo.status) & senses
+        has_torque = canopen.torque_usable(status) & senses
         torque_nm[~has_torque] = np.nan
         self._count_received(node, length)
         if np.count_nonzero(usable) < len(usable):
             places = np.flatnonzero(~usable)
-            self._refuse_unused(frames, node, places, whole, index, crept, pdo.status)
+            self._refuse_unused(frames, node, places, whole, index, crept, status)
         order = np.flatnonzero(usable)
         order = order[np.argsort(node[order], kind="stable")]
         counts = np.bincount(node[order], minlength=len(self._lengths)).tolist()
@@ -273,7 +284,7 @@ class JointBusSource:
         for track, size, count in zip(self._tracks, self._lengths.tolist(), counts, strict=True):
             track.counts.accepted += count
             track.counts.accepted_bytes += count * size
-        self._report_torques(frames, node, usable & senses & ~has_torque, pdo.status)
+        self._report_torques(frames, node, usable & senses & ~has_torque, status)
         if np.count_nonzero(usable) < len(usable):
             sync_ns, t_ns, node = sync_ns[usable], t_ns[usable], node[usable]
             position_rad, torque_nm = position_rad[usable], torque_nm[usable]
@@ -285,33 +296,13 @@ class JointBusSource:
             torque_nm=torque_nm,
         )
 
-    def _decode(
-        self, data: NDArray[np.uint8], node: IntArray, whole: NDArray[np.bool_]
-    ) -> canopen.Tpdo1:
-        """Decode frames in the format of their joints; a frame of a wrong length gets counter 0."""
-        classic, is_fd, speed_only = canopen.decode_tpdo1, self._is_fd[node], self._speed_only[node]
-
-        def fd(frames: NDArray[np.uint8]) -> canopen.FdTpdo1:
-            found = canopen.decode_fd(frames)
-            if not speed_only.any():
-                return found
-            values = np.where(speed_only, found.velocity_rad_s, found.position_rad)
-            return replace(found, position_rad=values)
-
-        if not is_fd.any():
-            pdo = classic(data[:, : canopen.TPDO1_BYTES])
-        elif is_fd.all():
-            pdo = fd(data[:, : canopen.FD_TPDO1_BYTES])
-        else:
-            both = (classic(data[:, : canopen.TPDO1_BYTES]), fd(data[:, : canopen.FD_TPDO1_BYTES]))
-            pdo = canopen.Tpdo1(
-                *(
-                    np.where(is_fd, getattr(both[1], name), getattr(both[0], name))
-                    for name in ("position_rad", "torque_nm", "status", "sync_counter")
-                )
-            )
-        pdo.sync_counter[~whole] = 0
-        return pdo
+    def _decode(self, data: NDArray[np.uint8], node: IntArray) -> list[NDArray[Any]]:
+        """Return position, torque, status and counter of frames in the format of their joints."""
+        parts = [READERS[kind](data) for kind in self._kinds]
+        if len(parts) == 1:
+            return parts[0]
+        is_of = [self._readers[node] == kind for kind in self._kinds]
+        return [np.select(is_of, own) for own in zip(*parts, strict=True)]
 
     def _count_received(self, node: IntArray, length: NDArray[np.uint8]) -> None:
         sizes = np.bincount(node, weights=length, minlength=len(self._lengths)).tolist()

@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.config import BusConfig, ThrusterConfig
-from fsw.drivers.codecs import canopen, thruster
+from fsw.drivers.codecs import canopen
+from fsw.drivers.layout.shipped import AGE_SCALE_NS, OLD, READ_THRUSTER, THRUSTER
 from fsw.drivers.sources.counters import Counters
 from fsw.drivers.sources.sync import history_of
 from fsw.drivers.wire import FrameArray, Reject
@@ -15,6 +16,8 @@ from fsw.messages import ThrusterSamples
 from fsw.messages.findings import Fault, Finding
 
 SILENT_REPORTS = 5.0  # a node without a report for longer than this many periods is silent
+STATUS_OF_VALVES = 0xD8  # valves valid, driver fault, SYNC lost, test data
+STATUS_VALVES_VALID = 0x08
 OWN_SERVICES = (canopen.COB_TPDO1, canopen.COB_SYNC, canopen.COB_HEARTBEAT)
 COUNT = 256  # modulus of the counter of changes
 
@@ -72,9 +75,10 @@ class ThrusterBusSource:
         rows = np.flatnonzero(is_report & np.isin(words & canopen.NODE_MASK, list(self._nodes)))
         own, found = frames.take(rows), list[tuple[int, int, int, float, float]]()
         t_ns = own["t_ns"].astype(np.int64)
-        pdo = thruster.decode_tpdo1(own["data"][:, : thruster.TPDO1_BYTES])
-        index, sync_ns, _, crept = self._syncs.match(pdo.sync_counter, rows, t_ns)
-        usable = thruster.valves_usable(pdo.status)
+        valves, age, changes, status, counter = READ_THRUSTER(own["data"])
+        age_ns = np.where(age == OLD, -1, age * AGE_SCALE_NS)
+        index, sync_ns, _, crept = self._syncs.match(counter, rows, t_ns)
+        usable = status & STATUS_OF_VALVES == STATUS_VALVES_VALID
         for k, length in enumerate(own["length"].tolist()):
             node = self._nodes[int(own["word"][k]) & canopen.NODE_MASK]
             latch_ns = int(sync_ns[k]) + self._latch_offset_ns
@@ -82,7 +86,7 @@ class ThrusterBusSource:
                 (
                     why
                     for bad, why in (
-                        (length != thruster.TPDO1_BYTES, Reject.LENGTH),
+                        (length != THRUSTER.length, Reject.LENGTH),
                         (index[k] < 0 or crept[k], Reject.STALE),
                         (not usable[k], Reject.STATUS),
                         (node.latch_ns is not None and latch_ns <= node.latch_ns, Reject.SEQUENCE),
@@ -100,7 +104,7 @@ class ThrusterBusSource:
                 continue
             node.counts.accepted += 1
             node.counts.accepted_bytes += length
-            state = int(pdo.valves[k]), int(pdo.changes[k]), int(pdo.age_ns[k])
+            state = int(valves[k]), int(changes[k]), int(age_ns[k])
             found += _states(node, latch_ns, int(t_ns[k]), *state)
         columns = np.array(found, np.float64).reshape(-1, 5)
         times = np.array([row[:2] for row in found], np.int64).reshape(-1, 2)
@@ -145,7 +149,7 @@ def _states(
     several = (changes - node.changes) % COUNT
     first, known_before = node.latch_ns is None, node.latch_ns or 0
     change_ns = latch_ns - age_ns
-    in_gap = change_ns >= known_before - thruster.AGE_SCALE_NS  # within the rounding of the age
+    in_gap = change_ns >= known_before - AGE_SCALE_NS  # within the rounding of the age
     clear = several == 0 or (several == 1 and age_ns >= 0 and in_gap)
     for index, config in node.thrusters:
         now, before = valves >> config.valve & 1, node.valves >> config.valve & 1

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.config import BusConfig, WheelConfig
-from fsw.drivers.codecs import canopen, wheel
+from fsw.drivers.codecs import canopen
+from fsw.drivers.layout.shipped import READ_WHEEL, READ_WHEEL_SLOW, WHEEL, WHEEL_SLOW
 from fsw.drivers.sources.counters import Counters
 from fsw.drivers.sources.sync import history_of
 from fsw.drivers.wire import FrameArray, Reject
@@ -14,6 +15,8 @@ from fsw.messages import FloatArray, IntArray, WheelSamples
 from fsw.messages.findings import Fault, Finding
 
 SILENT_REPORTS = 5.0  # a wheel without a report for longer than this many periods is silent
+STATUS_OF_SPEED = 0xD8  # speed valid, speed fault, SYNC lost, test data
+STATUS_SPEED_VALID = 0x08
 OWN_SERVICES = (canopen.COB_TPDO1, canopen.COB_TPDO2, canopen.COB_SYNC, canopen.COB_HEARTBEAT)
 
 
@@ -65,24 +68,23 @@ class WheelBusSource:
         base = words <= canopen.COB_HEARTBEAT | canopen.NODE_MASK
         place[base] = self._place[words[base] & canopen.NODE_MASK]
         for row in np.flatnonzero((place >= 0) & (function == canopen.COB_TPDO2)).tolist():
-            slow = wheel.decode_tpdo2(data[row, : frames["length"][row]].tobytes())
-            if not isinstance(slow, Reject):
-                self._temperature_degc[int(place[row])] = slow
+            if frames["length"][row] == WHEEL_SLOW.length:
+                (slow,) = READ_WHEEL_SLOW(data[row : row + 1])
+                self._temperature_degc[int(place[row])] = float(slow[0])
         rows = np.flatnonzero((place >= 0) & (function == canopen.COB_TPDO1))
         return self._reports(frames.take(rows), rows, place[rows])
 
     def _reports(self, frames: FrameArray, rows: NDArray[np.intp], place: IntArray) -> WheelSamples:
         t_ns, length = frames["t_ns"].astype(np.int64), frames["length"]
-        pdo = wheel.decode_tpdo1(frames["data"][:, : wheel.TPDO1_BYTES])
-        index, sync_ns, _, crept = self._syncs.match(pdo.sync_counter, rows, t_ns)
-        speed, torque = pdo.speed_rad_s, pdo.torque_nm
-        has_torque = canopen.torque_usable(pdo.status) & self._senses_torque[place]
+        speed, torque, status, counter = READ_WHEEL(frames["data"])
+        index, sync_ns, _, crept = self._syncs.match(counter, rows, t_ns)
+        has_torque = canopen.torque_usable(status) & self._senses_torque[place]
         in_range = np.abs(speed) <= self._speed_limit[place]
         has_torque &= np.abs(torque) <= self._torque_limit[place]
         reasons = (
-            (length != wheel.TPDO1_BYTES, Reject.LENGTH),
+            (length != WHEEL.length, Reject.LENGTH),
             ((index < 0) | crept, Reject.STALE),
-            (~wheel.speed_usable(pdo.status), Reject.STATUS),
+            (status & STATUS_OF_SPEED != STATUS_SPEED_VALID, Reject.STATUS),
             (~in_range, Reject.RANGE),
         )
         good = np.ones(len(frames), np.bool_)

@@ -10,13 +10,8 @@ from pathlib import Path
 
 from fsw.commands.replay import replay
 from fsw.config import Config
-from fsw.drivers.codecs.canopen import (
-    COB_SYNC,
-    COB_TPDO1,
-    FD_TPDO1_BYTES,
-    NODE_MASK,
-    TPDO1_BYTES,
-)
+from fsw.drivers.codecs.canopen import COB_SYNC, COB_TPDO1, NODE_MASK
+from fsw.drivers.layout.shipped import JOINT, JOINT_FD
 from fsw.drivers.wire import ByteChunk, CanFrame, frame_array, unpack_frame
 from fsw.exchange.recording import messages_of
 from fsw.exchange.recording_parts import contents_of, parts_of
@@ -42,7 +37,7 @@ def numbered(
             first_ns = frame.t_ns if first_ns is None else first_ns
             numbers[frame.data[0]] = round((frame.t_ns - first_ns) / period_ns)
         elif frame.can_id & ~NODE_MASK == COB_TPDO1 and not frame.is_error:
-            place, size = (14, FD_TPDO1_BYTES) if frame.is_fd else (7, TPDO1_BYTES)
+            place, size = (14, JOINT_FD.length) if frame.is_fd else (7, JOINT.length)
             if len(frame.data) == size and frame.data[place] in numbers:
                 answer = frame.can_id & NODE_MASK, numbers[frame.data[place]]
         yield frame, answer

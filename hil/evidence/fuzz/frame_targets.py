@@ -7,12 +7,23 @@ import numpy as np
 from fsw.config import BusConfig, JointConfig
 from fsw.drivers.codecs import canopen
 from fsw.drivers.codecs.can_error import decode_error
+from fsw.drivers.layout.decoder import Decoder
+from fsw.drivers.layout.shipped import JOINT_FD, READ_JOINT, READ_JOINT_SLOW
 from fsw.drivers.sources import JointBusSource
 from fsw.drivers.wire import CanFrame, Reject, frame_array, pack_frame, unpack_frame
 from hil.evidence.fuzz.oracle import Target, require, segments
 
 MS = 1_000_000
 TURN = 2 * np.pi / 2**24
+PDOS = (  # how flight software reads a PDO, and how its bytes are packed again: form and scales
+    (READ_JOINT, struct.Struct("<ihBB"), (TURN, 1e-2, 1, 1)),
+    (READ_JOINT_SLOW, struct.Struct("<ihh"), (TURN, 1e-3, 0.1)),
+    (
+        Decoder(JOINT_FD, JOINT_FD.signals),
+        struct.Struct("<iiiHBbI"),
+        (TURN, TURN, 1e-4, 1, 1, 1, 1),
+    ),
+)
 FLAGS = ("is_error", "is_remote", "is_extended", "is_fd")
 
 
@@ -89,40 +100,16 @@ def check_codecs(frame: CanFrame) -> None:
     """Decode the data of a frame as every service; require that encoding gives the same data."""
     data = frame.data
     octets = np.frombuffer(data, np.uint8)[None]
-    if len(data) == canopen.TPDO1_BYTES:
-        pdo = canopen.decode_tpdo1(octets)
-        again = struct.pack(
-            "<ihBB",
-            round(pdo.position_rad[0] / TURN),
-            round(pdo.torque_nm[0] * 100),
-            pdo.status[0],
-            pdo.sync_counter[0],
-        )
-        require(again == data, "TPDO1", data, pdo)
-    if len(data) == canopen.FD_TPDO1_BYTES:
-        fd = canopen.decode_fd(octets)
-        again = struct.pack(
-            "<iiiHBbI",
-            round(fd.position_rad[0] / TURN),
-            round(fd.velocity_rad_s[0] / TURN),
-            round(fd.torque_nm[0] * 1e4),
-            fd.status[0],
-            fd.sync_counter[0],
-            round(fd.temperature_c[0]),
-            fd.device_time_us[0],
-        )
-        require(again == data, "FD TPDO1", data, fd)
-    slow = canopen.decode_tpdo2(data)
-    if not isinstance(slow, Reject):
-        velocity, torque = round(slow.velocity_rad_s / TURN), round(slow.motor_torque_ratio * 1e3)
-        again = struct.pack("<ihh", velocity, torque, round(slow.temperature_c * 10))
-        require(again == data, "TPDO2", data, slow)
+    for read, form, scales in PDOS:
+        if len(data) == form.size:
+            values = [column[0] for column in read(octets)]
+            again = [round(own / scale) for own, scale in zip(values, scales, strict=True)]
+            require(form.pack(*again) == data, form.format, data, values)
     emergency = canopen.decode_emcy(data)
     if not isinstance(emergency, Reject):
         head = struct.pack("<HB", emergency.code, emergency.register)
         require(head + emergency.detail == data, "EMCY", data, emergency)
-    accepted = [not isinstance(item, Reject) for item in (slow, emergency)]
-    require(accepted == [len(data) == 8] * 2, "accepted by length", data)
+    require(isinstance(emergency, Reject) == (len(data) != 8), "accepted by length", data)
     counter = canopen.decode_sync(data, 240)
     if not isinstance(counter, Reject):
         require(canopen.encode_sync(counter)[1] == data, "SYNC", data, counter)

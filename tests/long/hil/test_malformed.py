@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fsw.drivers.codecs import canopen as flight_canopen
 from fsw.drivers.codecs import sagitta as flight_sagitta
 from fsw.drivers.codecs import stim300 as flight_stim300
 from fsw.drivers.codecs.sagitta import SagittaCodec
 from fsw.drivers.codecs.stim300 import Stim300Codec, StimDatagram
+from fsw.drivers.layout.shipped import READ_JOINT
 from fsw.drivers.sources import StarTrackerSource
 from fsw.drivers.wire import ByteChunk, unpack_frame
 from fsw.exchange.recording import RecordedMessage
@@ -295,9 +295,9 @@ def encoded_sagitta(data: bytes) -> bytes:
 
 
 def encoded_tpdo1(data: bytes) -> bytes:
-    pdo = flight_canopen.decode_tpdo1(np.frombuffer(data, np.uint8)[None])
-    measured = reading(float(pdo.position_rad[0]), torque_nm=float(pdo.torque_nm[0]))
-    return canopen.encode_tpdo1(measured, int(pdo.status[0]), int(pdo.sync_counter[0]))
+    position, torque, status, counter = READ_JOINT(np.frombuffer(data, np.uint8)[None])
+    measured = reading(float(position[0]), torque_nm=float(torque[0]))
+    return canopen.encode_tpdo1(measured, int(status[0]), int(counter[0]))
 
 
 def test_a_possible_but_implausible_reading_is_gated_like_a_missing_one(

@@ -5,11 +5,11 @@ import struct
 import numpy as np
 import pytest
 
-from fsw.drivers.codecs import canopen as flight_canopen
 from fsw.drivers.codecs import sagitta as flight_sagitta
 from fsw.drivers.codecs import stim300 as flight_stim300
 from fsw.drivers.codecs.sagitta import SagittaCodec
 from fsw.drivers.codecs.stim300 import StimDatagram
+from fsw.drivers.layout.shipped import READ_JOINT, READ_JOINT_FD
 from hil.devices import canopen, sagitta
 from hil.faults import taps as faults
 from hil.faults import values
@@ -140,20 +140,21 @@ def test_faults_of_a_joint_know_both_forms_of_its_frame(is_fd: bool) -> None:
     data = fd if is_fd else TPDO1[2]
     frame = (5, 0x193, data, is_fd)
 
-    def decoded(action: faults.FrameAction) -> flight_canopen.Tpdo1:
+    def decoded(action: faults.FrameAction) -> tuple[float, float]:
         ((_, _, changed, _),) = action(frame, rng())
         assert len(changed) == len(data)
         octets = np.frombuffer(changed, np.uint8)[None]
-        return flight_canopen.decode_fd(octets) if is_fd else flight_canopen.decode_tpdo1(octets)
+        position, torque, *_ = (READ_JOINT_FD if is_fd else READ_JOINT)(octets)
+        return float(position[0]), float(torque[0])
 
-    more = decoded(values.torque(values.shifted(2.0)))
-    assert more.torque_nm == pytest.approx(-10.34, abs=0.006)
-    assert more.position_rad == pytest.approx(-1.25, abs=1e-6)
-    moved = decoded(values.position(values.shifted(0.5)))
-    assert moved.position_rad == pytest.approx(-0.75, abs=1e-6)
-    assert moved.torque_nm == pytest.approx(-12.34, abs=0.006)
-    full = decoded(faults.change_frame(status=0x0B, torque=2**31 - 1))
-    assert full.torque_nm == pytest.approx((2**31 - 1) * 1e-4 if is_fd else 327.67)
+    position, torque = decoded(values.torque(values.shifted(2.0)))
+    assert torque == pytest.approx(-10.34, abs=0.006)
+    assert position == pytest.approx(-1.25, abs=1e-6)
+    position, torque = decoded(values.position(values.shifted(0.5)))
+    assert position == pytest.approx(-0.75, abs=1e-6)
+    assert torque == pytest.approx(-12.34, abs=0.006)
+    _, torque = decoded(faults.change_frame(status=0x0B, torque=2**31 - 1))
+    assert torque == pytest.approx((2**31 - 1) * 1e-4 if is_fd else 327.67)
 
 
 @pytest.mark.parametrize("length", [0, 3, 6, 12, 19])

@@ -1,0 +1,74 @@
+"""Descriptions of the frames of the tailored nodes (docs/icd.md), as any other description.
+
+The DBC files beside the drivers describe the same frames for other tools.
+"""
+
+from math import tau
+
+from fsw.drivers.layout.decoder import Decoder
+from fsw.drivers.layout.signals import Message, Number, Signal
+
+POSITION_SCALE_RAD = tau * 2.0**-24  # also of speeds [rad/s]
+TORQUE_STEP_NM = {"classic": 1e-2, "fd": 1e-4}  # of a joint's torque, by format
+TEMPERATURE_SCALE_K = 0.1
+AGE_SCALE_NS = 10_000
+OLD = 0xFFFF  # age on the wire: the newest change is this old or older, or there was none
+
+
+def _message(name: str, *fields: tuple[str, int, Number, float]) -> Message:
+    """Return a message of whole little-endian fields: name, bits, number, scale of each."""
+    signals, at = [], 0
+    for field, bits, number, scale in fields:
+        signals.append(Signal(name=field, start=at, bits=bits, number=number, scale=scale))
+        at += bits
+    return Message(name=name, identifier=0, length=at // 8, signals=tuple(signals))
+
+
+JOINT = _message(
+    "joint",
+    ("position", 32, "signed", POSITION_SCALE_RAD),
+    ("torque", 16, "signed", TORQUE_STEP_NM["classic"]),
+    ("status", 8, "unsigned", 1),
+    ("counter", 8, "unsigned", 1),
+)
+JOINT_FD = _message(
+    "joint_fd",
+    ("position", 32, "signed", POSITION_SCALE_RAD),
+    ("velocity", 32, "signed", POSITION_SCALE_RAD),
+    ("torque", 32, "signed", TORQUE_STEP_NM["fd"]),
+    ("status", 16, "unsigned", 1),
+    ("counter", 8, "unsigned", 1),
+    ("temperature", 8, "signed", 1),
+    ("device_time", 32, "unsigned", 1),
+)
+JOINT_SLOW = _message(
+    "joint_slow",
+    ("velocity", 32, "signed", POSITION_SCALE_RAD),
+    ("motor_torque", 16, "signed", 1e-3),
+    ("temperature", 16, "signed", TEMPERATURE_SCALE_K),
+)
+WHEEL = _message(
+    "wheel",
+    ("speed", 32, "signed", POSITION_SCALE_RAD),
+    ("torque", 16, "signed", 1e-4),
+    ("status", 8, "unsigned", 1),
+    ("counter", 8, "unsigned", 1),
+)
+WHEEL_SLOW = _message("wheel_slow", ("temperature", 16, "signed", TEMPERATURE_SCALE_K))
+THRUSTER = _message(
+    "thruster",
+    ("valves", 16, "unsigned", 1),
+    ("age", 16, "unsigned", 1),
+    ("changes", 8, "unsigned", 1),
+    ("reserved", 8, "unsigned", 1),
+    ("status", 8, "unsigned", 1),
+    ("counter", 8, "unsigned", 1),
+)
+
+READ_JOINT = Decoder(JOINT, JOINT.named("position", "torque", "status", "counter"))
+READ_JOINT_FD = Decoder(JOINT_FD, JOINT_FD.named("position", "torque", "status", "counter"))
+READ_SPEED_FD = Decoder(JOINT_FD, JOINT_FD.named("velocity", "torque", "status", "counter"))
+READ_JOINT_SLOW = Decoder(JOINT_SLOW, JOINT_SLOW.named("velocity", "motor_torque", "temperature"))
+READ_WHEEL = Decoder(WHEEL, WHEEL.named("speed", "torque", "status", "counter"))
+READ_WHEEL_SLOW = Decoder(WHEEL_SLOW, WHEEL_SLOW.named("temperature"))
+READ_THRUSTER = Decoder(THRUSTER, THRUSTER.named("valves", "age", "changes", "status", "counter"))
