@@ -198,9 +198,7 @@ def overlay_argument(parser: argparse.ArgumentParser) -> None:
 
 def _part_arguments(parser: argparse.ArgumentParser) -> None:
     """Add `--weighting` (for method mrnea), `--from` and `--to`."""
-    parser.add_argument(
-        "--weighting", choices=("ols", "wls", "bc", "eiv"), help=f"{INSTEAD}; mrnea"
-    )
+    parser.add_argument("--weighting", choices=("ols", "wls", "eiv"), help=f"{INSTEAD}; mrnea")
     _span_arguments(parser)
 
 

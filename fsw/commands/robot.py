@@ -19,7 +19,7 @@ from fsw.config.overlay_file import with_overlays
 from fsw.errors import ConfigError
 
 Method = Literal["mrnea", "rda", "cm", "ce", "fused"]
-Weighting = Literal["ols", "wls", "bc", "eiv"]
+Weighting = Literal["ols", "wls", "eiv"]
 Criterion = Literal["sigma", "d", "a", "e", "cond", "gamma"]
 
 

@@ -83,7 +83,7 @@ class EstimatorConfig(Section):
     """Method, windows, priors and gates of the estimator."""
 
     method: Literal["mrnea", "rda", "cm", "fused"] = "fused"
-    weighting: Literal["ols", "wls", "bc", "eiv"] = "eiv"  # for mrnea
+    weighting: Literal["ols", "wls", "eiv"] = "eiv"  # for mrnea
     window_s: WindowLength = 0.4
     nodes: int = Field(default=4, ge=2, le=8)
     lag_s: Delay = 0.15  # a window closes this long after its end; covers the slowest sensor

@@ -48,16 +48,12 @@ def thrusters_go_with(
     thrusters: Sequence[ThrusterConfig],
     rates_hz: Mapping[str, float],
     *,
-    method: str,
-    weighting: str,
     attitude: bool,
     base_motion: str,
 ) -> None:
-    """Raise ValueError for thrusters with a missing or slow bus, or unsuitable method or base."""
+    """Raise ValueError for thrusters with a missing or slow bus, or an unsuitable base."""
     if not thrusters:
         return
-    if method == "mrnea" and weighting == "bc":
-        raise ValueError("thrusters: estimator.weighting bc cannot take them; must be another")
     if not attitude or base_motion != "free":
         found = "without a star_tracker" if not attitude else f"with base.motion: {base_motion}"
         raise ValueError(f"thrusters: {found}; they need a star_tracker and base.motion: free")

@@ -187,8 +187,6 @@ class Config(Section):
         thrusters_go_with(
             self.thrusters,
             rates_hz,
-            method=self.estimator.method,
-            weighting=self.estimator.weighting,
             attitude=self.star_tracker is not None,
             base_motion=self.base.motion,
         )

@@ -30,7 +30,6 @@ from fsw.estimators.batch.solver import (
     regress,
     straighten,
 )
-from fsw.estimators.measurement.compensated import block_sums, compensated_mean, no_sums
 from fsw.estimators.measurement.first_rate import at_first_rate
 from fsw.estimators.measurement.mrnea import Rows
 from fsw.estimators.measurement.row_functions import (
@@ -63,7 +62,6 @@ _DISTANCE = "sigma is that of the errors in variables and includes the distance 
 BIAS_NOTES = {
     "ols": f"shrunk by the base acceleration's noise in the regressor; {_DISTANCE}",
     "wls": f"shrunk by the base acceleration's noise in the regressor; {_DISTANCE}",
-    "bc": f"compensated for noisy accelerations, not for noisy rates; {_DISTANCE}",
 }
 
 
@@ -348,20 +346,10 @@ def _regression(
 ) -> _Found:
     """Solve the paper's regression; its bias is the distance from the errors in variables."""
     near = _likelihood(problem, "mrnea", blocks, gate_probability, progress)
-    problem, used, x, solution = near.problem, near.used, near.mean, near.solution
+    problem, used, x = near.problem, near.used, near.mean
     linear = Linearisation(row_function("mrnea", weighting, problem), used)
-    if weighting == "bc":
-        sums = no_sums(len(x))
-        whole = [block for block in used if block.is_complete]
-        if not whole:
-            raise EstimatorError("no block has every measurement that weighting 'bc' needs")
-        for block in whole:
-            sums = sums + block_sums(block, x, problem)
-        known = problem.prior.at(x)
-        mean = compensated_mean(sums, known.mean(), known.R.T @ known.R)
-    else:
-        solution = regress(problem, Target(linear))
-        mean = solution.mean
+    solution = regress(problem, Target(linear))
+    mean = solution.mean
     bias = mean - x
     failed = replace(near.failed, not_converged=solution.status == "NOT_CONVERGED")
     return replace(

@@ -21,7 +21,6 @@ from fsw.estimators.model.mobility import by_mobility, is_bent
 from fsw.estimators.model.problem import IMPLAUSIBLE, Problem
 from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.reasons import Failed
-from fsw.estimators.recursive.bias_compensated import BiasCompensatedEstimator
 from fsw.estimators.recursive.isolation import ChannelScreen
 from fsw.estimators.recursive.outcome import WEAKEST_GAIN, outcome, weakest_gain
 from fsw.estimators.recursive.recursion import EventWords, Recursion
@@ -100,7 +99,7 @@ class OnlineEstimator:
 
     def snapshot(self) -> dict[str, Any]:
         """Return the whole state as plain values; stored blocks by their index."""
-        names = {"kind": "online", "names": list(self.problem.names)}
+        names = {"names": list(self.problem.names)}
         rival = None if self.rival is None else self.rival.snapshot()
         state = {"recursion": self.recursion.snapshot(), "rival": rival}
         return names | kept(self, _STATE) | state
@@ -112,7 +111,7 @@ class OnlineEstimator:
         ------
         EstimatorError if it is of another problem or a block is missing; nothing is changed then.
         """
-        check_fit(self.problem, "online", values)
+        check_fit(self.problem, values)
         rival = None if values["rival"] is None else Rival(self._new())
         if rival is not None:
             rival.restore(values["rival"], blocks)
@@ -321,13 +320,11 @@ class OnlineEstimator:
         return span_ns[1] if span_ns else 0
 
 
-def build_online(
-    config: Config, model: RobotModel | None = None
-) -> OnlineEstimator | BiasCompensatedEstimator:
+def build_online(config: Config, model: RobotModel | None = None) -> OnlineEstimator:
     """Build the recursive estimator of a configuration.
 
     The weightings ols and wls are the paper's regression, which has no prior, so their prior is
-    made almost flat. For ols, wls and bc the known bodies and the mounting are exact.
+    made almost flat. Their known bodies and mounting are exact.
 
     Raises
     ------
@@ -338,8 +335,6 @@ def build_online(
     settings = config.estimator
     linear = settings.is_regression
     problem = build_problem(config, model, exact=linear)
-    if settings.method == "mrnea" and settings.weighting == "bc":
-        return BiasCompensatedEstimator(problem, settings)
     rows = row_function(settings.method, settings.weighting, problem)
     if settings.method == "fused":
         rows = watched_rows(problem) or rows

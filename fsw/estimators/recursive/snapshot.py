@@ -33,15 +33,13 @@ def put(owner: object, names: Sequence[str], values: Values) -> None:
         setattr(owner, name, value.copy() if isinstance(value, np.ndarray) else value)
 
 
-def check_fit(problem: Problem, kind: str, values: Values) -> None:
-    """Check that a stored state fits this kind of estimator and these unknowns.
+def check_fit(problem: Problem, values: Values) -> None:
+    """Check that a stored state is of these unknowns.
 
     Raises
     ------
-    EstimatorError naming what differs.
+    EstimatorError if it is not.
     """
-    if values["kind"] != kind:
-        raise EstimatorError(f"the state is of a {values['kind']!r} estimator, this is {kind!r}")
     if tuple(values["names"]) != problem.names:
         raise EstimatorError("the state is of other unknowns than this estimator's")
 

@@ -38,7 +38,6 @@ class Method:
 METHODS: Mapping[str, Method] = {
     "mrnea ols": Method(method="mrnea", weighting="ols", own="all"),
     "mrnea wls": Method(method="mrnea", weighting="wls", own="all"),
-    "mrnea bc": Method(method="mrnea", weighting="bc", own="all"),
     "mrnea eiv": Method(method="mrnea", weighting="eiv", own="all"),
     "rda": Method(method="rda", weighting="eiv", own="rda"),
     "cm": Method(method="cm", weighting="eiv", own="cm"),

@@ -33,8 +33,6 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from fsw.estimators.measurement.compensated import block_sums, compensated_solution, no_sums
-from fsw.estimators.recursive.bias_compensated import BiasCompensatedEstimator
 from fsw.estimators.recursive.online import OnlineEstimator, build_online
 from fsw.messages import Block, FloatArray
 from hil.options import seed
@@ -44,7 +42,6 @@ from hil.run.processes import resident_bytes
 ESTIMATORS = {
     "mrnea ols": ("mrnea", "ols"),
     "mrnea wls": ("mrnea", "wls"),
-    "mrnea bc": ("mrnea", "bc"),
     "mrnea eiv": ("mrnea", "eiv"),
     "rda": ("rda", "eiv"),
     "cm": ("cm", "eiv"),
@@ -175,33 +172,6 @@ class LinearTally:
         return inverse(self._F), self._memory.information.covariance()
 
 
-class SumsTally:
-    """The sums of the bias-compensated regression, added in another order: first within laps."""
-
-    def __init__(self, online: BiasCompensatedEstimator, lap: int) -> None:
-        self._online, self._lap = online, lap
-        self._laps = self._newest = no_sums(len(online._x))  # noqa: SLF001
-        self._count = 0
-
-    def before_push(self, block: Block) -> None:
-        """Add a block to the batch sums, linearised at the estimator's state."""
-        online = self._online
-        self._newest = self._newest + block_sums(block, online._x, online._problem)  # noqa: SLF001
-        self._count += 1
-        if self._count % self._lap == 0:
-            self._laps, self._newest = self._laps + self._newest, no_sums(len(online._x))  # noqa: SLF001
-
-    def after_push(self) -> None:
-        """Do nothing."""
-
-    def covariances(self) -> tuple[FloatArray, FloatArray]:
-        """Return both covariances; that of the batch comes from the batch's own sums."""
-        sums, online = self._laps + self._newest, self._online
-        prior = online._problem.prior_mean  # noqa: SLF001
-        solution = compensated_solution(sums, prior, online._precision)  # noqa: SLF001
-        return solution[1], online._covariance  # noqa: SLF001
-
-
 def inverse(F: FloatArray) -> FloatArray:
     """Return the inverse of a normal matrix, scaled to a unit diagonal before the inversion."""
     scale = np.sqrt(np.diag(F))
@@ -231,11 +201,7 @@ def endure(
     per_block = round(window_s * config.buses[0].rate_hz)
     count = max(10, round(updates / per_block))
     online = build_online(config, flown.model)
-    tally: Tally
-    if isinstance(online, BiasCompensatedEstimator):
-        tally = SumsTally(online, len(flown.blocks))
-    else:
-        tally = LinearTally(online) if online.linear else StoredTally(online)
+    tally: Tally = LinearTally(online) if online.linear else StoredTally(online)
     due = min(FIRST_LOOK_UPDATES // per_block, count // 10)
     due = max(due, min(2 * len(flown.blocks), count // 2))
     looks: list[Look] = []

@@ -26,7 +26,7 @@ from tests.support.estimator_cases import (
 from tests.support.estimator_cases import motion as true_motion
 from tests.support.starts import CASES, config_of, misjudged, truth_of
 
-METHODS = [("fused", "eiv"), ("rda", "eiv"), ("mrnea", "eiv"), ("mrnea", "bc")]
+METHODS = [("fused", "eiv"), ("rda", "eiv"), ("mrnea", "eiv")]
 
 
 def pushed(

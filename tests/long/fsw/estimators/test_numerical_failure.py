@@ -13,7 +13,7 @@ from fsw.errors import EstimatorError
 from fsw.estimators.batch import settle, solver
 from fsw.estimators.batch.run import run_batch
 from fsw.estimators.recursive import recursion
-from fsw.estimators.recursive.online import OnlineEstimator, build_online
+from fsw.estimators.recursive.online import build_online
 from fsw.estimators.square_root import SquareRootInformation
 from fsw.messages import Block, FloatArray
 from tests.support.estimator_cases import (
@@ -96,7 +96,7 @@ DEGENERATE: dict[str, Callable[[Block], Block]] = {
     "largest values": as_large_as_possible,
 }
 METHODS = (
-    *(("mrnea", "eiv"), ("mrnea", "ols"), ("mrnea", "wls"), ("mrnea", "bc")),
+    *(("mrnea", "eiv"), ("mrnea", "ols"), ("mrnea", "wls")),
     *(("rda", "eiv"), ("cm", "eiv"), ("fused", "eiv")),
 )
 
@@ -187,7 +187,6 @@ def test_any_failing_unit_of_the_recursion_is_a_reset(
     def fails(*_: object) -> object:
         raise error
 
-    assert isinstance(online, OnlineEstimator)
     monkeypatch.setattr(online.recursion, unit, fails)
     online.push(blocks[-1])
     final = online.finish()
@@ -218,7 +217,6 @@ def test_a_restart_in_the_middle_of_a_block_leaves_nothing_of_the_old_residuals(
     """The regression's residual variance is that of the blocks after the restart alone."""
     config = make_config(method="mrnea", weighting="ols")
     online = build_online(config, robot_model())
-    assert isinstance(online, OnlineEstimator)
     data = noisy_blocks("target", 3, 12.0)
     for block in data[:12]:
         online.push(block)
@@ -235,7 +233,6 @@ def test_a_restart_in_the_middle_of_a_block_leaves_nothing_of_the_old_residuals(
         online.recursion.fold(data[12])
     assert [code for _, code, _ in online.events()] == ["ESTIMATOR_RESET"]
     fresh = build_online(config, robot_model())
-    assert isinstance(fresh, OnlineEstimator)
     for block in data[13:]:
         online.push(block)
         fresh.push(block)

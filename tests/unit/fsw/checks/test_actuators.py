@@ -138,7 +138,6 @@ def test_thrusters_are_described_and_pass_the_dry_update(arm):
         ({"node_id": 0x11}, {}, ("thrusters.node_id: 'arm:0x11' is used 2 times",)),
         ({"direction_B": [1.0, 1.0, 0.0]}, {}, ("thrusters.0.direction_B: [1.0, 1.0, 0.0] has",)),
         ({"valve": 16}, {}, ("thrusters.0.valve: must be at most 15 (value: 16)",)),
-        ({}, {"method": "mrnea", "weighting": "bc"}, ("weighting bc cannot take them",)),
         (
             {},
             {"method": "rda", "outside_wrench": "watch"},

@@ -9,20 +9,17 @@ import pytest
 
 from fsw.estimators.measurement import energy, wheels
 from fsw.estimators.measurement.block_stack import BlockStack
-from fsw.estimators.measurement.compensated import block_sums
 from fsw.estimators.measurement.energy import energy_rows
 from fsw.estimators.measurement.fused import predict
 from fsw.estimators.measurement.motion_noise import residual_covariance
 from fsw.estimators.measurement.mrnea import mrnea_rows
 from fsw.estimators.measurement.row_functions import row_function
-from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.problem import Problem, present
 from fsw.messages import Block
 from tests.support.estimator_cases import N, make_problem, random_block, robot_model
 from tests.support.wheel_cases import (
     INERTIA_KG_M2,
     PYRAMID,
-    config_with_wheels,
     problem_with_wheels,
     turning,
 )
@@ -228,18 +225,6 @@ def test_wheels_that_stand_still_change_no_row(method: str) -> None:
 def test_blocks_of_another_robot_s_wheels_are_refused() -> None:
     with pytest.raises(ValueError, match="blocks of 0 wheels; the robot has 4"):
         predict(random_block(), problem_with_wheels().prior_mean, problem_with_wheels())
-
-
-def test_the_compensated_regression_takes_the_moment_off_the_known_side() -> None:
-    """Consistent measurements: no squares are left at the true state, and some without wheels."""
-    problem = build_problem(config_with_wheels(biases=False), robot_model(), exact=True)
-    x = problem.prior_mean.copy()
-    assert problem.at("wheel_scale") == slice(0, 0)
-    made = consistent(turning(random_block()), x, problem)
-    still = replace(made, wheel_nms=0.0 * made.wheel_nms, wheel_nm=0.0 * made.wheel_nm)
-    extended = np.append(x, -1.0)
-    left, without = (extended @ block_sums(b, x, problem).F @ extended for b in (made, still))
-    assert left < 1e-9 * without
 
 
 @pytest.mark.parametrize("rate", RATES)

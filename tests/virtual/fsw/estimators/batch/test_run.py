@@ -132,17 +132,13 @@ def test_a_window_with_a_change_in_it_is_not_ok(
     assert result["status"] == "MODEL_MISMATCH"
 
 
-@pytest.mark.parametrize("weighting", ["ols", "wls", "bc"])
+@pytest.mark.parametrize("weighting", ["ols", "wls"])
 @pytest.mark.parametrize("case", ALL)
 def test_a_biased_regression_says_so_and_its_sigma_holds_the_truth(
     case: str, weighting: str
 ) -> None:
     config = config_of(case, 2, method="mrnea", weighting=weighting)
     blocks = noisy_blocks(CASES[case][0], 2)
-    if (case, weighting) == ("base", "bc"):  # what is taken off as noise is all that a base shows
-        with pytest.raises(EstimatorError, match="noise explains the excitation"):
-            batch(config, blocks, "mrnea")
-        return
     result = batch(config, blocks, "mrnea")
     assert result["biased"]
     assert "includes" in result["note"]

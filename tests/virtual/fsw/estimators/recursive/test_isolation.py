@@ -13,9 +13,7 @@ ARMED = 30  # blocks before the first fault
 
 
 def estimator() -> OnlineEstimator:
-    tested = build_online(make_config())
-    assert isinstance(tested, OnlineEstimator)
-    return tested
+    return build_online(make_config())
 
 
 @pytest.fixture(scope="module")

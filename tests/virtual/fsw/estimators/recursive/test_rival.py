@@ -24,9 +24,7 @@ def with_three_bad_blocks() -> list[Block]:
 
 
 def make() -> OnlineEstimator:
-    online = build_online(make_config(), robot_model())
-    assert isinstance(online, OnlineEstimator)
-    return online
+    return build_online(make_config(), robot_model())
 
 
 def test_a_false_alarm_costs_some_windows_and_no_information() -> None:
@@ -77,7 +75,6 @@ def test_a_restore_while_undecided_continues_to_the_bit() -> None:
         if through.rival is not None and k % 4 == 0:
             undecided += 1
             again = restored(broken, make)
-            assert isinstance(again, OnlineEstimator)
             broken = again
     assert undecided > 1
     assert_same(through.finish(), broken.finish())

@@ -9,7 +9,6 @@ import pytest
 from fsw.errors import EstimatorError
 from fsw.estimators.measurement.row_functions import row_function
 from fsw.estimators.model.building import build_problem
-from fsw.estimators.recursive.bias_compensated import BiasCompensatedEstimator
 from fsw.estimators.recursive.online import OnlineEstimator, build_online
 from fsw.exchange.checkpoint import Checkpoint, Identity, decode, encode
 from fsw.messages import Block, Estimate, Snapshot
@@ -24,11 +23,9 @@ METHODS: dict[str, dict[str, Any]] = {
     "fused forgetting": {"method": "fused", "forgetting_time_s": 10.0},
     "mrnea eiv": {"method": "mrnea"},
     "mrnea ols": {"method": "mrnea", "weighting": "ols"},
-    "mrnea bc": {"method": "mrnea", "weighting": "bc"},
     "rda": {"method": "rda"},
     "cm": {"method": "cm"},
 }
-Estimator = OnlineEstimator | BiasCompensatedEstimator
 
 
 def blocks() -> list[Block]:
@@ -38,14 +35,14 @@ def blocks() -> list[Block]:
     return [replace(block, index=block.index + 7 * (k > 25)) for k, block in enumerate(data)]
 
 
-def through_a_file(estimator: Estimator) -> Snapshot:
+def through_a_file(estimator: OnlineEstimator) -> Snapshot:
     """Return the estimator's state as it comes back from a checkpoint's bytes."""
     snapshot = Snapshot(t_ns=5, grid_ns=7, state=estimator.snapshot(), blocks=estimator.blocks)
     written = Checkpoint(identity=IDENTITY, sequence=1, boot_id="b", snapshot=snapshot)
     return decode(encode(written), IDENTITY).snapshot
 
 
-def restored(estimator: Estimator, make: Any) -> Estimator:
+def restored(estimator: OnlineEstimator, make: Any) -> OnlineEstimator:
     snapshot = through_a_file(estimator)
     fresh = make()
     fresh.restore(snapshot.state, {block.index: block for block in snapshot.blocks})
@@ -64,7 +61,7 @@ def assert_same(a: Estimate, b: Estimate) -> None:
 def test_a_run_with_a_restore_in_the_middle_is_the_run_without(method: str, units: int) -> None:
     """Restored after every tenth block, in the middle of a pass or not."""
 
-    def make() -> Estimator:
+    def make() -> OnlineEstimator:
         return build_online(make_config(settle_blocks=20, **METHODS[method]), robot_model())
 
     through, broken = make(), make()
@@ -114,10 +111,9 @@ def test_a_snapshot_does_not_change_with_the_estimator() -> None:
     ("other", "missing"),
     [
         (make_config(("base", "target")), False),
-        (make_config(method="mrnea", weighting="bc"), False),
         (make_config(), True),
     ],
-    ids=["other unknowns", "other kind", "block missing"],
+    ids=["other unknowns", "block missing"],
 )
 def test_a_state_that_does_not_fit_changes_nothing(other: Any, missing: bool) -> None:
     online = build_online(make_config(), robot_model())
@@ -131,5 +127,4 @@ def test_a_state_that_does_not_fit_changes_nothing(other: Any, missing: bool) ->
     with pytest.raises(EstimatorError):
         target.restore(state, stored)
     assert_same(before, target.estimate(0))
-    if isinstance(target, OnlineEstimator):
-        assert not target.snapshot()["recursion"]["noise"]["windows"].any()
+    assert not target.snapshot()["recursion"]["noise"]["windows"].any()
