@@ -1,18 +1,20 @@
 """Hook of MkDocs: pages made from the code, and equations as MathML, which needs no script.
 
-Commands come from the argument parsers, configuration keys from the JSON Schema. The reference of
-scenarios is a file, written by `python docs/generate.py`, and so is the dictionary of telemetry, by
-`python -m fsw.telemetry.export`; tests compare both with the code.
+Commands come from the argument parsers, configuration keys from the JSON Schema, scenarios from
+their models, telemetry from its dictionary: the file of such a page says how to print it, and the
+site has it whole. The page of figures is a file, made of `evidence.yaml` by `python
+docs/generate.py`; a test compares the two.
 """
 
 import argparse
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import yaml
 from latex2mathml.converter import convert
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
@@ -20,25 +22,20 @@ from mkdocs.structure.pages import Page
 from pydantic import TypeAdapter
 
 ROOT = Path(__file__).parents[1]
-COMMANDS = "reference/commands.md"  # as a file it says how to print them; the site has them all
-SCENARIO = ROOT / "docs" / "reference" / "scenario.md"
+EVIDENCE = ROOT / "docs" / "evidence.md"
 OUTSIDE = {"contributing.md": "CONTRIBUTING.md", "changelog.md": "CHANGELOG.md"}
 CODE = re.compile(r"(^```.*?^```|`[^`\n]+`)", re.MULTILINE | re.DOTALL)
 EQUATION = re.compile(r"\$\$(.+?)\$\$|(?<![\w\\$])\$([^\s$](?:[^$\n]*[^\s$])?)\$(?!\w)", re.DOTALL)
-SCENARIO_START = """# Scenario of the bench
+EVIDENCE_START = """# Evidence
 
-For engineers who fly a robot of their own in the simulation. Generated from the code by
-`python docs/generate.py`.
+For anyone who wants to check a claim. Made of `evidence.yaml` by `python docs/generate.py`.
 
-A scenario is a YAML file for `hil run`: the true world, its devices, and choices of the flight
-software; [world.yaml](../inspector/world.yaml) is an example. Paths are relative to it. `sensors`,
-`flight` and `environment` may be paths of files of their own. A mounting takes `rpy_BS_rad` in the
-place of `q_BS_xyzw`. `bodies_file` has for each name `mass_kg`, `com_m` (3) and `inertia_kg_m2` (6:
-xx xy xz yy yz zz, about the centre of mass).
+**Example.** `.venv/bin/hil seeds target_leo --first 100 --count 10` runs ten seeds of the standard
+scenario and prints the mean normalised error with its 99 % band.
 
-A key ends in its unit: `_nm` is newton metre, `_m_s2` metre per second squared; one without is a
-count, a name or a ratio. `[]` stands for an entry of a list, `NAME` for a name of your choice.
-`null`: left out.
+Each row has a command that anyone can run and the commit at which it ran; bounds stood in the code
+before the figures. Long commands continue from the folder given with `--out`. NEES is the mean
+squared error over the covariance, *of* its expected value, with the 99 % band (95 % in real time).
 """
 
 
@@ -56,8 +53,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
     """Give links to files outside their pages, and equations their MathML; code stays."""
-    if page.file.src_uri == COMMANDS:
-        markdown += commands()
+    if page.file.src_uri in WHOLE:
+        markdown += WHOLE[page.file.src_uri]()
     for name, source in OUTSIDE.items():
         markdown = markdown.replace(f"](../{source})", f"]({name})")
     parts = CODE.split(markdown)
@@ -129,7 +126,7 @@ def scenario() -> str:
     }
     folder = Path(world.__file__).parent
     code = "\n".join(path.read_text(encoding="utf-8") for path in sorted(folder.rglob("*.py")))
-    lines = [SCENARIO_START]
+    lines = []
     for name, whole in parts.items():
         title = f"Section `{name}`" if name else "The file"
         lines += [f"## {title}", "", "| key | values | default | is |", "|---|---|---|---|"]
@@ -207,5 +204,32 @@ def _values(value: Mapping[str, Any]) -> str:
     return " ".join([str(kind), *bounds]).replace("|", "\\|")
 
 
+def dictionary() -> str:
+    """Return the tables of every packet, telecommand, parameter and event."""
+    text: str = import_module("fsw.telemetry.export.page").page()
+    return text
+
+
+def evidence() -> str:
+    """Return the page of figures."""
+    data = yaml.safe_load(EVIDENCE.with_suffix(".yaml").read_text(encoding="utf-8"))
+    lines = [EVIDENCE_START, f"Machine: {data['machine']}.", ""]
+    for title, rows in data["sections"].items():
+        lines += [f"## {title}", "", "| question | command | it gave |", "|---|---|---|"]
+        for row in rows:
+            short = "*short:* " * row.get("short", False)
+            made = f"`{row['command']}` [{row['commit']}]"
+            lines.append(f"| {row['asked']} | {made} | {short}{row['gave']} |")
+        lines.append("")
+    return "\n".join(lines).rstrip() + "\n"
+
+
+# pages whose file says how to print them, and what the site appends
+WHOLE: dict[str, Callable[[], str]] = {
+    "reference/commands.md": commands,
+    "reference/scenario.md": scenario,
+    "dictionary.md": dictionary,
+}
+
 if __name__ == "__main__":
-    SCENARIO.write_text(scenario(), encoding="utf-8")
+    EVIDENCE.write_text(evidence(), encoding="utf-8")

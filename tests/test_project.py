@@ -54,11 +54,13 @@ def block_below(heading: str) -> str:
 
 
 def test_the_readme_installs_all_it_needs_and_runs_the_main_job():
-    command = block_below("## Run")
-    assert "apt-get install -y python3-venv" in command
-    assert "python3 -m venv .venv" in command
-    assert ".venv/bin/pip install" in command
-    assert ".venv/bin/hil run target_leo" in command
+    assert block_below("## Run") == "sh demo\n"
+    script = (ROOT / "demo").read_text()
+    assert "install -q -y --no-install-recommends python3-venv" in script
+    assert "python3 -m venv .venv" in script
+    assert ".venv/bin/pip install" in script
+    assert "set -- target_leo\nexec .venv/bin/hil run" in script
+    assert subprocess.run(["sh", "-n", ROOT / "demo"], check=False).returncode == 0
 
 
 def test_the_readme_sets_up_and_runs_the_tests():

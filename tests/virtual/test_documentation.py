@@ -27,7 +27,7 @@ BESIDE = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")
 PAGES = [*sorted(DOCS.rglob("*.md")), *(ROOT / name for name in BESIDE)]
 BLOCK = re.compile(r"^```(\S*)([^\n]*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 NUMBER = re.compile(r"[-+]?\d[\d.]*(?:e[-+]?\d+)?")
-GENERATED = ("dictionary", "licences", "python", "index")  # index: a list of the others
+GENERATED = ("licences", "python", "index")  # index: a list of the others
 RUN_ELSEWHERE = {"api.md": "tests/virtual/fsw/commands/test_api.py"}
 MAPPINGS = "docs/import.md"  # its blocks are of fsw import, no configuration
 NO_NETWORK = {f"{kind}_proxy": "http://127.0.0.1:9" for kind in ("http", "https", "all")}
@@ -151,16 +151,18 @@ def test_the_tutorial_does_what_it_says(tmp_path):
             assert NUMBER.sub("#", line) in lines
 
 
-def test_the_reference_of_scenarios_is_that_of_the_code():
+def test_pages_that_are_made_are_those_of_code_and_data():
     path = DOCS / "generate.py"
     spec = importlib.util.spec_from_file_location("generate", path)
     assert spec is not None
     assert spec.loader is not None
     generate = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(generate)
-    stored = generate.SCENARIO.read_text(encoding="utf-8")
-    assert stored == generate.scenario(), "run: python docs/generate.py"
-    keys = re.findall(r"^\| `([^`]+)`", stored, re.MULTILINE)
+    stored = generate.EVIDENCE.read_text(encoding="utf-8")
+    assert stored == generate.evidence(), "run: python docs/generate.py"
+    assert stored.count("\n| ") <= 2 * stored.count("\n## ") + 40
+    assert "`ENABLE_SET`" in generate.dictionary()
+    keys = re.findall(r"^\| `([^`]+)`", generate.scenario(), re.MULTILINE)
     assert {"title", "sensors.joints.nodes[].sign", "environment.orbit.altitude_m"} <= set(keys)
 
 

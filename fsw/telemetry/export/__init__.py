@@ -1,15 +1,14 @@
-"""Exports the dictionary as XTCE, COSMOS configuration, ccsdspy tables and a page to read."""
+"""Exports the dictionary as XTCE, COSMOS configuration and ccsdspy tables, and a page to read."""
 
 from fsw.telemetry.dictionary import DICTIONARY, Dictionary
 
 FOLDER = "ground/dictionary"
 XTCE = f"{FOLDER}/inertia.xml"
-PAGE = "docs/dictionary.md"
 
 
 def documents(dictionary: Dictionary = DICTIONARY) -> dict[str, str]:
     """Return all exported files: path below the project's folder -> text."""
-    from fsw.telemetry.export import cosmos, page, tables
+    from fsw.telemetry.export import cosmos, tables
     from fsw.telemetry.export.verifiers import with_names
     from fsw.telemetry.export.xtce import system
     from fsw.telemetry.export.xtce_commands import add_commands
@@ -21,7 +20,6 @@ def documents(dictionary: Dictionary = DICTIONARY) -> dict[str, str]:
         f"{FOLDER}/cosmos/tlm.txt": cosmos.telemetry(dictionary),
         f"{FOLDER}/cosmos/plugin.txt": cosmos.PLUGIN,
         f"{FOLDER}/cosmos/cmd.txt": cosmos.telecommands(dictionary),
-        PAGE: page.page(dictionary),
     }
     for packet in dictionary.packets:
         found[f"{FOLDER}/ccsdspy/{packet.name}.csv"] = tables.table(packet)

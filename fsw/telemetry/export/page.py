@@ -2,27 +2,10 @@
 
 from collections.abc import Iterator
 
-from fsw.telemetry.dictionary import Dictionary, Enumeration, Field, Packet, Telecommand
+from fsw.telemetry.dictionary import DICTIONARY, Dictionary, Enumeration, Field, Packet, Telecommand
 from fsw.telemetry.dictionary.codes import Health
 
 COVARIANCE = "covariance"  # its 210 elements share one row of the page
-
-HEAD = """# Telemetry and telecommand dictionary
-
-Written by `python -m fsw.telemetry.export`; do not edit. The same content is in `ground/dictionary`
-as XTCE (`inertia.xml`), COSMOS text and ccsdspy tables. PUS-C (ECSS-E-ST-70-41C) over CCSDS space
-packets, big-endian:
-
-- telemetry: primary header 6 bytes; secondary header 7: `0x20` with the time status, service,
-  subtype, message counter u16, destination u16; time 8: CUC with P-field 0x2F; fields; CRC-16 2
-- telecommand: primary header 6; secondary header 5: `0x20` with the ack flags, service, subtype,
-  source u16; arguments; CRC-16 2
-
-APID 100 estimator, 102 science, 101 CFDP PDUs (no secondary header, no CRC), 0 time. Text is UTF-8
-of a fixed size, padded with zeros, at least one in telemetry. CRC-16 is CCITT-FALSE over all
-before it.
-"""
-
 
 VERIFICATION = """Reports of success come in the order given, the last within the time given; the
 failure of a stage has the next subtype, and ends the telecommand. A telecommand that is vital or
@@ -31,9 +14,9 @@ ATTENTION = """Attention is for ground displays: bounds that are still good, and
 board (service 12) are a table of their own."""
 
 
-def page(dictionary: Dictionary) -> str:
-    """Return the page of a dictionary as Markdown."""
-    lines = [HEAD, "## Telecommands", ""]
+def page(dictionary: Dictionary = DICTIONARY) -> str:
+    """Return the tables of a dictionary as Markdown."""
+    lines = ["", "## Telecommands", ""]
     lines += [VERIFICATION, ""]
     lines += ["| service | name | does | arguments | modes | reports | hazard |"]
     lines += ["|---|---|---|---|---|---|---|"]

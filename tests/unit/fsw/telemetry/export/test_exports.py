@@ -17,7 +17,7 @@ spp = pytest.importorskip(
     "space_packet_parser", reason="needs space_packet_parser: pip install '.[test]'"
 )
 
-from fsw.telemetry.export import FOLDER, PAGE, XTCE, documents  # noqa: E402
+from fsw.telemetry.export import FOLDER, XTCE, documents  # noqa: E402
 from fsw.telemetry.export.single import single_commands  # noqa: E402
 from fsw.telemetry.export.xtce import system  # noqa: E402
 
@@ -49,7 +49,7 @@ def test_no_file_is_left_of_a_packet_that_is_no_more(exports):
         for path in (ROOT / FOLDER).rglob("*.[xct]*")
         if "__pycache__" not in path.parts  # of a test that ran `ground` from here
     }
-    assert kept | {PAGE} == set(exports)
+    assert kept == set(exports)
 
 
 def test_the_telemetry_part_is_valid_at_every_level(tmp_path):
