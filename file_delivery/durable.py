@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO
 
-PERMISSIONS = 0o666  # less the process's umask
+from file_delivery.regular import PERMISSIONS, regular
 
 
 def replace_file(path: Path, content: bytes | str, permissions: int = PERMISSIONS) -> None:
@@ -30,7 +30,7 @@ def replace_file(path: Path, content: bytes | str, permissions: int = PERMISSION
 def write_file(path: Path, content: bytes | str, permissions: int = PERMISSIONS) -> None:
     """Write a file and wait until its content is on the disk. Raises OSError."""
     data = content.encode() if isinstance(content, str) else content
-    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, permissions)
+    descriptor = regular(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, permissions)
     with os.fdopen(descriptor, "wb") as file:
         file.write(data)
         sync_file(file)

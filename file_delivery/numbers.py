@@ -6,6 +6,7 @@ from pathlib import Path
 
 from file_delivery.durable import replace_file
 from file_delivery.locks import locked
+from file_delivery.regular import read_regular
 
 NUMBER_BITS = 63  # in a field of 8 octets
 RANDOM_BITS = 10
@@ -38,7 +39,7 @@ class Numbers:
 
     def _kept(self) -> int:
         try:
-            number = int(self._path.read_text())
+            number = int(read_regular(self._path))
         except (FileNotFoundError, ValueError):
             return beginning()
         return number if 0 <= number < (1 << NUMBER_BITS) - 1 else beginning()

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from file_delivery.durable import replace_file
+from file_delivery.regular import read_regular
 
 ROOM_BYTES = 4096  # of a copy at first: one block
 PERMISSIONS = 0o600
@@ -32,7 +33,7 @@ class SlotFile:
 
     def read(self) -> Any:  # noqa: ANN401
         """Return the newest document. Raises OSError, or SlotError when both copies are damaged."""
-        data = self.path.read_bytes()
+        data = read_regular(self.path)
         room = len(data) // 2
         found, faults = [], []
         for copy in (data[:room], data[room:]):

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from file_delivery.durable import replace_file
+from file_delivery.regular import read_regular
 from fsw.config import Config
 from fsw.config.overlay import noise_of
 from fsw.exchange.checkpoint import (
@@ -25,7 +26,7 @@ def identity_of(config: Config) -> Identity:
 
     Raises OSError when the robot's file cannot be read.
     """
-    robot = config.resolve(config.robot.urdf).read_bytes()
+    robot = read_regular(config.resolve(config.robot.urdf))
     noise = noise_of(config).model_dump_json().encode()
     return Identity(zlib.crc32(noise, config.crc32), zlib.crc32(robot))
 
@@ -65,7 +66,7 @@ class CheckpointStore:
         good, refused = [], []
         for name in NAMES:
             try:
-                data = (self._directory / name).read_bytes()
+                data = read_regular(self._directory / name)
                 good.append(decode(data, self._identity))
             except FileNotFoundError:
                 continue
@@ -79,7 +80,7 @@ class CheckpointStore:
         """Return the checkpoint of a sequence number, as bytes and decoded; None: missing."""
         for name in NAMES:
             try:
-                data = (self._directory / name).read_bytes()
+                data = read_regular(self._directory / name)
                 checkpoint = decode(data, self._identity)
             except (OSError, CheckpointError):
                 continue
@@ -93,5 +94,5 @@ class CheckpointStore:
             self._sequences = {}
             for name in NAMES:
                 path = self._directory / name
-                self._sequences[name] = sequence_of(path.read_bytes()) if path.exists() else -1
+                self._sequences[name] = sequence_of(read_regular(path)) if path.exists() else -1
         return self._sequences

@@ -28,6 +28,7 @@ from mcap.summary import Summary
 from numpy.typing import NDArray
 from zstandard import ZstdError
 
+from file_delivery.regular import open_regular
 from fsw.config.text import MAX_TEXT_BYTES, kind_of
 from fsw.drivers.wire import (
     CLASSIC_BYTES,
@@ -360,7 +361,7 @@ class _Ended:
 
 def _open(path: Path) -> IO[bytes]:
     try:
-        return path.open("rb")
+        return open_regular(path, "rb")
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
 

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from file_delivery.durable import replace_file
+from file_delivery.regular import read_regular
 from fsw.errors import ConfigError
 from fsw.exchange.recording import Contents, contents, first_metadata
 from fsw.messages.recording_name import NAME
@@ -26,7 +27,7 @@ def new_first(directory: Path) -> Path:
     """
     kept = directory / LAST_NUMBER
     try:
-        last = int(kept.read_text())
+        last = int(read_regular(kept))
     except (FileNotFoundError, ValueError):
         last = 0
     found = (NAME.fullmatch(path.name) for path in directory.iterdir())

@@ -8,6 +8,7 @@ from typing import IO, Any
 
 from mcap.writer import CompressionType
 
+from file_delivery.regular import open_regular
 from fsw.drivers.wire import recorded_bytes, recorded_columns
 from fsw.exchange.batch_writer import BatchWriter
 from fsw.exchange.sinks import CanTraffic, SerialTraffic
@@ -71,7 +72,7 @@ class RecordingWriter:
 
     def __init__(self, path: Path, compression: str = "zstd", chunk_bytes: int = 65536) -> None:
         self.path = path
-        self._file: IO[bytes] = path.open("wb")
+        self._file: IO[bytes] = open_regular(path, "wb")
         self._writer = BatchWriter(
             self._file, chunk_size=chunk_bytes, compression=COMPRESSION[compression]
         )

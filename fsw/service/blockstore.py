@@ -16,6 +16,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from file_delivery.regular import open_regular
 from file_delivery.room import check_room
 from fsw.errors import WRONG_CONTENT, FswError
 from fsw.messages import OF_SPEEDS, OF_THRUSTERS, OF_WHEELS, Block
@@ -119,7 +120,7 @@ class BlockWriter:
         check_room(self.path.parent, self._reserve_bytes, size, new_file=True)
         new = self.path.with_suffix(".new")  # complete before a reader finds it
         try:
-            with new.open("wb") as file:
+            with open_regular(new, "wb") as file:
                 file.write(json.dumps(layout).encode().ljust(HEADER_BYTES))
                 file.flush()
                 os.posix_fallocate(file.fileno(), 0, size)  # a full disk shows here, not as SIGBUS
@@ -158,15 +159,15 @@ def newest(blocks: list[Block], last_s: float | None) -> list[Block]:
 
 def _open(path: Path, mode: Literal["r", "r+"]) -> NDArray[np.void]:
     try:
-        with path.open("rb") as file:
+        with open_regular(path, "rb") as file:
             dtype = _dtype(json.loads(file.read(HEADER_BYTES)))
         if tuple(n for n in dtype.names or () if not n.endswith(_SHAPE)) not in _LAYOUTS:
             raise BlockStoreError(f"{path}: fields {dtype.names}")
         rows = np.memmap(path, dtype=dtype, mode=mode, offset=HEADER_BYTES)
     except (OSError, MemoryError, *WRONG_CONTENT) as error:
         raise BlockStoreError(f"{path}: {error}") from error
-    if not len(rows):
-        raise BlockStoreError(f"{path}: no row")
+    if not 0 < len(rows) <= CAPACITY:
+        raise BlockStoreError(f"{path}: {len(rows)} rows; must be 1 to {CAPACITY}")
     return rows
 
 

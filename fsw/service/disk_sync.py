@@ -66,7 +66,7 @@ def sync_files(paths: Iterable[Path]) -> None:
     failure: OSError | None = None
     for path in (*found, *dict.fromkeys(path.parent for path in found)):
         try:
-            descriptor = os.open(path, os.O_RDONLY)
+            descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
         except OSError:
             continue  # missing, or moved in the meantime
         try:

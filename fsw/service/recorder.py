@@ -9,6 +9,7 @@ from typing import Any
 import yaml
 from zstandard import ZstdError
 
+from file_delivery.regular import read_regular
 from file_delivery.room import check_room
 from fsw.config import Config, load
 from fsw.errors import ConfigError
@@ -62,7 +63,7 @@ def open_recording(
         if part is not None:
             writer.metadata(PART, part)
         writer.attach(CONFIGURATION, "application/yaml", text)
-        writer.attach(ROBOT, "application/xml", config.resolve(config.robot.urdf).read_bytes())
+        writer.attach(ROBOT, "application/xml", read_regular(config.resolve(config.robot.urdf)))
         writer.sync()
         writer.path = temporary.replace(path)
     except OSError:

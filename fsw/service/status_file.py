@@ -6,6 +6,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from file_delivery.regular import open_regular, read_regular
+from fsw.errors import WRONG_CONTENT
 from fsw.exchange.status import STATUS_NAME
 
 
@@ -18,16 +20,17 @@ class StatusFile:
     def event_counts(self) -> Mapping[str, int]:
         """Return the event counts in the file of a crashed service; empty if it is unreadable."""
         try:
-            status = json.loads(self._path.read_text())
-        except (OSError, ValueError):
+            status = json.loads(read_regular(self._path))
+            return {str(code): int(n) for code, n in status.get("event_counts", {}).items()}
+        except (OSError, *WRONG_CONTENT):
             return {}
-        return {str(code): int(n) for code, n in status.get("event_counts", {}).items()}
 
     def write(self, values: Mapping[str, Any]) -> None:
         """Replace the file, if the disk permits it."""
         temporary = self._path.with_suffix(".tmp")
         try:
-            temporary.write_text(json.dumps(values))
+            with open_regular(temporary, "wb") as file:
+                file.write(json.dumps(values).encode())
             temporary.replace(self._path)
         except OSError:
             with suppress(OSError):  # a rest would take space from others

@@ -129,7 +129,7 @@ def _whole(low: int, high: int, value: float) -> int:
 
 def _text_bytes(text: str, size: int) -> bytes:
     """Return a text as UTF-8 of at most `size` bytes, cut between two characters."""
-    return text.encode()[:size].decode(errors="ignore").encode()
+    return text.encode(errors="backslashreplace")[:size].decode(errors="ignore").encode()
 
 
 def _decode(field: Field, raw: Any) -> Value:  # noqa: ANN401

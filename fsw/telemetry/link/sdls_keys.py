@@ -4,6 +4,7 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 
+from file_delivery.regular import open_regular
 from fsw.config import Config
 from fsw.config.sdls import SdlsConfig, SdlsKeyConfig
 from fsw.errors import ConfigError
@@ -44,7 +45,7 @@ def _path(config: Config, slot: SdlsKeyConfig, environment: Mapping[str, str]) -
 def _read(path: Path, *, private: bool) -> bytes:
     """Return a key; `private`: other users must not have access to its file. Raises ConfigError."""
     try:
-        with path.open("rb") as file:
+        with open_regular(path, "rb") as file:
             mode = os.fstat(file.fileno()).st_mode
             key = file.read(KEY_BYTES + 1)
     except OSError as error:

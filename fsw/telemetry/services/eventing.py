@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from fsw.errors import WRONG_CONTENT
 from fsw.messages import Event
 from fsw.telemetry.dictionary import Severity
 from fsw.telemetry.dictionary.codes import Error
@@ -150,9 +151,10 @@ def _kept(lines: list[dict[str, Any]]) -> Iterator[Logged]:
             event = Event(
                 int(line["t_ns"]), str(line["severity"]), str(line["code"]), str(line["text"])
             )
-            Severity[event.severity.upper()]
-            yield int(line["boot_count"]), event
-        except (KeyError, TypeError, ValueError):
+            boot_count = int(line["boot_count"])
+            _log_values(boot_count, event)
+            yield boot_count, event
+        except WRONG_CONTENT:
             continue
 
 
@@ -161,19 +163,21 @@ def _log_packets(events: list[Logged]) -> Iterator[tuple[str, Mapping[str, objec
         nothing = {"time_s": 0.0, "severity": 1, "event": 0, "boot_count": 0, "text": ""}
         yield "event_log_entry", nothing | {"entry": 0, "entries": 0}
     for place, (boot_count, event) in enumerate(events, start=1):
-        number, text = _identify(event)
         yield (
             "event_log_entry",
-            {
-                "entry": place,
-                "entries": len(events),
-                "time_s": event.t_ns * 1e-9,
-                "severity": int(Severity[event.severity.upper()]),
-                "event": number,
-                "boot_count": boot_count,
-                "text": text,
-            },
+            _log_values(boot_count, event) | {"entry": place, "entries": len(events)},
         )
+
+
+def _log_values(boot_count: int, event: Event) -> dict[str, object]:
+    number, text = _identify(event)
+    return {
+        "time_s": event.t_ns * 1e-9,
+        "severity": int(Severity[event.severity.upper()]),
+        "event": number,
+        "boot_count": boot_count,
+        "text": text,
+    }
 
 
 def _identify(event: Event) -> tuple[int, str]:

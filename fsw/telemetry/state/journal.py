@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import IO, Any
 
+from file_delivery.regular import open_regular, read_regular
 from file_delivery.room import check_room
 
 
@@ -37,7 +38,7 @@ class Journal:
             check_room(self._path.parent, self._reserve_bytes)
             if self._path.exists() and self._path.stat().st_size > self._limit_bytes:
                 self._path.replace(self._before)
-            with self._path.open("ab+") as file:
+            with open_regular(self._path, "ab+") as file:
                 whole = file.tell() == 0 or _last_byte(file) == b"\n"
                 file.write(b"" if whole else b"\n")
                 file.write(json.dumps(values).encode() + b"\n")
@@ -49,7 +50,7 @@ class Journal:
         found = []
         for path in (self._before, self._path):
             try:
-                lines = path.read_text(errors="replace").splitlines()
+                lines = read_regular(path).decode(errors="replace").splitlines()
             except OSError:
                 continue
             for line in lines:

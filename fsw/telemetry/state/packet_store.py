@@ -22,6 +22,7 @@ from typing import BinaryIO
 from fastcrc import crc16
 
 from file_delivery.durable import sync_file
+from file_delivery.regular import open_regular, regular
 from file_delivery.room import check_room
 from fsw.telemetry.link.packets import (
     CRC_BYTES,
@@ -90,7 +91,7 @@ def read_segment(path: Path) -> tuple[Epoch, BinaryIO]:
     ------
     OSError, or ValueError when the file is no segment.
     """
-    file = path.open("rb")
+    file = open_regular(path, "rb")
     try:
         head = file.read(_HEAD.size)
         if len(head) < _HEAD.size:
@@ -299,7 +300,7 @@ def _read_end(file: BinaryIO, size_bytes: int) -> tuple[int, int] | None:
 
 def _append(path: Path, data: bytes, create: int = 0) -> None:
     """Append all of the data to a file; a removed file is not made again. Raises OSError."""
-    descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CLOEXEC | create, 0o600)
+    descriptor = regular(path, os.O_WRONLY | os.O_APPEND | create, 0o600)
     try:
         if os.write(descriptor, data) != len(data):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -309,7 +310,7 @@ def _append(path: Path, data: bytes, create: int = 0) -> None:
 
 def _sync(path: Path) -> None:
     """Wait until a segment is on the disk, if it still exists. Raises OSError."""
-    with suppress(FileNotFoundError), path.open("rb") as file:
+    with suppress(FileNotFoundError), open_regular(path, "rb") as file:
         sync_file(file)
 
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from file_delivery.durable import rename_file, write_file
+from file_delivery.regular import read_regular
 
 MAGIC = b"FSWG"
 FORMAT_VERSION = 1
@@ -93,7 +94,7 @@ class GenerationStore:
 
 def _parse(path: Path, number: int) -> Generation | None:
     try:
-        data = path.read_bytes()
+        data = read_regular(path)
     except OSError:
         return None
     if len(data) < _HEAD.size:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 
 import yaml
 
+from file_delivery.regular import read_regular
 from fsw.config import Config
 from fsw.config.tables import MonitorsTable, RatesTable
 from fsw.messages.commands import CommandName, Reply
@@ -50,7 +51,7 @@ class TableEffects:
 
     def _robot_file(self) -> bytes:
         try:
-            return self._base.resolve(self._base.robot.urdf).read_bytes()
+            return read_regular(self._base.resolve(self._base.robot.urdf))
         except OSError:
             return b""  # the validation reports it
 
@@ -92,7 +93,7 @@ class TableEffects:
                 below = robot if other is Table.NOISE else b""
                 self._check(config, other, contents[other], below)
                 config = laid_over(config, self._context.state, other, contents[other])
-            text = config.resolve(config.robot.urdf).read_text()
+            text = read_regular(config.resolve(config.robot.urdf)).decode()
         except OSError as error:
             raise TcError(Error.FAILED, text=f"{error.filename}: {error.strerror}") from error
 
@@ -117,7 +118,7 @@ class TableEffects:
         if table is Table.MONITORS:
             return to_yaml({"monitors": self._monitoring.table()})
         try:
-            return self._base.resolve(self._base.robot.urdf).read_bytes()
+            return read_regular(self._base.resolve(self._base.robot.urdf))
         except OSError as error:
             raise TcError(Error.FAILED, text=f"{error.filename}: {error.strerror}") from error
 

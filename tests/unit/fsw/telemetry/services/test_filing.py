@@ -1,5 +1,6 @@
 """Files: named by folder, never outside, listed, copied, removed, sent down."""
 
+import os
 import zlib
 from pathlib import Path
 
@@ -93,6 +94,11 @@ def test_a_folder_is_listed(flight: Flight, files: Path):
         (4, 4, FOLDER, "files/sub", 0),
     ]
     assert listed(flight, "files/sub") == [(0, 0, FILE, "files/sub", 0)]
+
+
+def test_a_name_that_is_no_utf_8_is_listed_with_an_escape(flight: Flight, files: Path):
+    Path(os.fsdecode(os.fsencode(files) + b"/b\xff.txt")).write_bytes(b"xy")
+    assert listed(flight, "files")[1] == (2, 3, FILE, "files/b\\udcff.txt", 2)
 
 
 def test_a_folder_of_many_files_is_listed_page_by_page(flight: Flight, files: Path):
