@@ -44,10 +44,12 @@ if TYPE_CHECKING:
 CONFIG_EXIT = 2
 FAILED_EXIT = 1
 INTERRUPTED_EXIT = 130  # 128 + SIGINT
+LAST_STREAM = 2  # standard error
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one subcommand and return the exit code."""
+    _open_standard_streams()
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # set before numpy loads: one thread
     arguments = parser().parse_args(argv)
     command: Callable[[argparse.Namespace], int] = arguments.command
@@ -71,6 +73,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         where = f"{error.filename}: " if error.filename else ""
         print(f"fsw: {where}{error.strerror or error}", file=sys.stderr)
         return FAILED_EXIT
+
+
+def _open_standard_streams() -> None:
+    """Open the streams that were closed: no other file may get their numbers."""
+    while (descriptor := os.open(os.devnull, os.O_RDWR)) <= LAST_STREAM:
+        os.set_inheritable(descriptor, True)
+    os.close(descriptor)
 
 
 def parser() -> argparse.ArgumentParser:
@@ -175,11 +184,12 @@ def _run(arguments: argparse.Namespace) -> int:
         print(f"fsw: run: warning: {text}; it is opened once it is there", file=sys.stderr)
     words = "until SIGTERM; events that somebody must act on follow, all are in events.jsonl"
     print(f"fsw: run: {words}", file=sys.stderr)
+    from fsw.exchange.tied import module_command
     from fsw.loop.app import RESTART_EXIT, run_live  # imported late: it can open devices
 
     code = run_live(config, cold=arguments.cold)
     if code == RESTART_EXIT:
-        os.execv(sys.executable, [sys.executable, "-m", "fsw", *sys.argv[1:]])
+        os.execv(sys.executable, [*module_command("fsw"), *sys.argv[1:]])
     return code
 
 

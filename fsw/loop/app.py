@@ -1,4 +1,4 @@
-"""The loop process on the machine's clock and devices, until SIGTERM or SIGINT."""
+"""The loop process on the machine's clock and devices, until SIGTERM, SIGINT or SIGHUP."""
 
 import os
 import signal
@@ -28,12 +28,14 @@ P = TypeVar("P", FramePort, BytePort)
 
 
 class StopSignal:
-    """Records whether SIGTERM or SIGINT was received."""
+    """Records whether SIGTERM, SIGINT or SIGHUP was received; `nohup` keeps the last ignored."""
 
     def __init__(self) -> None:
         self.received = False
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, self._receive)
+        if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+            signal.signal(signal.SIGHUP, self._receive)
 
     def _receive(self, _number: int, _frame: FrameType | None) -> None:
         self.received = True

@@ -3,7 +3,6 @@
 import fcntl
 import os
 import subprocess
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -21,6 +20,7 @@ from fsw.exchange.ringlink import (
     hand_down,
 )
 from fsw.exchange.sinks import Fanout, Sink
+from fsw.exchange.tied import module_command
 from fsw.loop.loop import Loop
 from fsw.messages import Event
 from fsw.messages.commands import Code, Command, Reply
@@ -102,6 +102,7 @@ class Child:
         self.gave_up = False  # waits for RESTARTS_NS until it is tried again
         self.ends = 0  # number of unexpected ends
         self._consumed, self._consumed_ns = -1, clock.now_ns()
+        self.is_stalled = False  # reads nothing of its ring
         self._process = self._start(resume=False)
 
     @property
@@ -123,7 +124,12 @@ class Child:
         consumed = self._inbox.consumed_bytes
         if consumed != self._consumed or not self._inbox.used_bytes:
             self._consumed, self._consumed_ns = consumed, now_ns
-        return now_ns - self._consumed_ns < STALL_NS
+        is_stalled = now_ns - self._consumed_ns >= STALL_NS
+        if is_stalled and not self.is_stalled:
+            text = f"{self._name} process {self.pid} has read nothing for {STALL_NS / 1e9:g} s"
+            self._say(f"{text}: {self._without} while it hangs", {})
+        self.is_stalled = is_stalled
+        return not is_stalled
 
     def wait(self, timeout_s: float) -> bool:
         """Wait at most `timeout_s` [s] for the end; return whether the process ended in order."""
@@ -158,7 +164,7 @@ class Child:
             self._process = self._start(resume=True)
 
     def _start(self, *, resume: bool) -> subprocess.Popen[bytes]:
-        command = [sys.executable, "-m", self._module, *self._arguments]
+        command = [*module_command(self._module), *self._arguments]
         process = subprocess.Popen(
             [*command, *(["--resume"] if resume else [])],
             pass_fds=self._fds,

@@ -2,7 +2,6 @@
 
 import json
 import os
-import sys
 from collections import deque
 from collections.abc import Mapping
 from contextlib import suppress
@@ -11,10 +10,13 @@ from threading import Event, Thread
 
 from file_delivery.durable import replace_file
 from file_delivery.locks import keep_lock
+from file_delivery.regular import read_regular
+from fsw.errors import WRONG_CONTENT
 from fsw.exchange.status import STATUS_NAME
 from fsw.loop.processes import LOCK_NAME
 
 PERIOD_S = 1.0
+STDERR = 2
 OTHERS = 0o007  # permissions of those who are neither owner nor in the group
 
 
@@ -65,11 +67,11 @@ class StateGuard:
 
     def _tell(self, line: str, status: Mapping[str, object]) -> None:
         path = self._directory / STATUS_NAME
-        with suppress(OSError, ValueError):
-            known = json.loads(path.read_text())
+        with suppress(OSError, *WRONG_CONTENT):
+            known = json.loads(read_regular(path))
             replace_file(path, json.dumps({**known, **status}))
-        with suppress(OSError, ValueError):  # the terminal is gone
-            os.write(sys.stderr.fileno(), f"fsw: {line}\n".encode())
+        with suppress(OSError):  # the terminal is gone
+            os.write(STDERR, f"fsw: {line}\n".encode())
 
 
 def close_to_others(directory: Path) -> None:

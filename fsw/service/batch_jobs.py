@@ -5,7 +5,6 @@ import os
 import pickle
 import signal
 import subprocess
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from itertools import count
@@ -15,6 +14,7 @@ from typing import Any
 from fsw.config import Config
 from fsw.errors import CommandError
 from fsw.estimators.parameter_verdicts import usable
+from fsw.exchange.tied import module_command
 from fsw.messages import Estimate
 from fsw.messages.commands import (
     JOBS,
@@ -199,7 +199,7 @@ class BatchJobs:
 def _worker(job: Job) -> subprocess.Popen[bytes]:
     """Start a worker process and send it the job. Raises OSError."""
     process = subprocess.Popen(
-        [sys.executable, "-m", "fsw.service.worker", str(os.getpid())],
+        [*module_command("fsw.service.worker"), str(os.getpid())],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},

@@ -365,7 +365,7 @@ def main(argv: list[str]) -> int:
     arguments = parser.parse_args(argv)
     clock = MonotonicClock()
     began_ns = clock.now_ns()
-    for number in (signal.SIGTERM, signal.SIGINT):
+    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)  # the loop's end is what ends the service
     os.nice(NICE)
     config = handed_down(arguments.config)

@@ -1,9 +1,10 @@
 """Run the process that sends frames or bytes to the readers of the bench."""
 
 import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+
+from fsw.exchange.tied import module_command
 
 
 @contextmanager
@@ -11,7 +12,7 @@ def sender(
     kind: str, place: str, rate_hz: float, seconds: float
 ) -> Iterator[subprocess.Popen[str]]:
     """Run a sender while the block runs, and terminate it at the end."""
-    command = [sys.executable, "-m", "fsw.commands.bench.send", kind, place]
+    command = [*module_command("fsw.commands.bench.send"), kind, place]
     with subprocess.Popen(
         [*command, str(rate_hz), str(seconds)],
         stdout=subprocess.PIPE,

@@ -96,7 +96,7 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--resume", action="store_true", help="take over from one that has died")
     arguments = parser.parse_args(argv)
     end_with(arguments.parent)
-    for number in (signal.SIGTERM, signal.SIGINT):
+    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)  # the loop's end is what ends the estimation
     config = handed_down(arguments.config)
     if arguments.resume and config.telemetry is not None:

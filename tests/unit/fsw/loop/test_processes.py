@@ -6,7 +6,7 @@ import os
 import pytest
 
 from fsw.clock import MonotonicClock
-from fsw.exchange.ring import RingWriter
+from fsw.exchange.ring import RingReader, RingWriter
 from fsw.loop.processes import MOST_RESTARTS, RESTARTS_NS, Child, lock_state
 from fsw.loop.state_guard import StateGuard, close_to_others
 
@@ -80,6 +80,25 @@ def test_a_service_given_up_is_tried_again_after_a_minute_and_said_everywhere(dy
     for _ in range(MOST_RESTARTS + 1):
         end(child)
     assert len(told.lines) == 2, "also the next time"
+
+
+def test_a_process_that_hangs_is_named_once_and_again_when_it_hangs_again():
+    ring, clock, told = RingWriter.create(1024), Clock(), Told()
+    reader = RingReader(os.dup(ring.fd))
+    own = ("--bind", "127.0.0.1", "0")
+    child = Child("service", "http.server", "no recording", own, (), ring, told, clock, told.say)
+    try:
+        for hangs in (1, 2):
+            assert ring.push(1, b"message")
+            for _ in range(20):
+                clock.now += SECOND_NS
+                child.watch()
+            assert [str(child.pid) in line for line in told.lines] == [True] * hangs
+            assert not child.watch()
+            assert list(reader.read())
+            assert child.watch(), "it reads again"
+    finally:
+        child.kill()
 
 
 def test_the_status_file_and_the_terminal_say_what_no_service_can(tmp_path, capfd):
