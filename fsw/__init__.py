@@ -1,6 +1,7 @@
 """Flight software: the onboard inertial-parameter estimator of a free-floating space robot.
 
-In a notebook, use `from fsw import Robot, load, identify, replay, plan, report`; see docs/api.md.
+In a notebook, use `from fsw import Robot, Samples, identify`; `dir(fsw)` lists the names that
+docs/api.md describes.
 """
 
 from importlib import import_module
@@ -8,9 +9,20 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from fsw.commands.api import Identification, Recording, identify, load, plan, replay, report
+    from fsw.commands.arrays import Samples
     from fsw.commands.robot import Robot
 
-__all__ = ["Identification", "Recording", "Robot", "identify", "load", "plan", "replay", "report"]
+__all__ = [
+    "Identification",
+    "Recording",
+    "Robot",
+    "Samples",
+    "identify",
+    "load",
+    "plan",
+    "replay",
+    "report",
+]
 
 
 def __getattr__(name: str) -> object:
@@ -18,3 +30,8 @@ def __getattr__(name: str) -> object:
     if name not in __all__:
         raise AttributeError(f"module 'fsw' has no attribute {name!r}")
     return getattr(import_module("fsw.commands.api"), name)
+
+
+def __dir__() -> list[str]:
+    """Return the names of the API, whether they have been imported yet or not."""
+    return sorted(__all__)

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 
+from fsw.commands.arrays import Samples
 from fsw.commands.export_body import FORMATS
 from fsw.commands.identified_body import Body, body_of
 from fsw.commands.identify import Evidence, to_text
@@ -37,10 +38,15 @@ if TYPE_CHECKING:
 
 
 class Recording:
-    """A recording with its later parts; messages stay on disk until a function reads them."""
+    """A recording with its later parts; messages stay on disk until a function reads them.
 
-    def __init__(self, path: Path | str) -> None:
-        self.path = Path(path)
+    `notes` say what was read of the arrays that it was made of; empty: it was not.
+    """
+
+    def __init__(
+        self, path: Path | str, folder: Folder | None = None, notes: Sequence[str] = ()
+    ) -> None:
+        self.path, self._folder, self.notes = Path(path), folder, tuple(notes)
         self.parts: Sequence[Path] = parts_of(self.path)
         held = contents_of(self.parts)
         self.channels: tuple[str, ...] = held.topics
@@ -60,6 +66,9 @@ class Recording:
 
     def __repr__(self) -> str:
         return f"Recording({self.path}: {', '.join(self.channels)})"
+
+
+Source = Recording | Samples | Path | str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -130,7 +139,7 @@ def load(path: Path | str) -> Recording:
 
 @on_one_thread
 def identify(
-    recording: Recording | Path | str,
+    recording: Source,
     robot: Robot | None = None,
     *,
     method: Method = "fused",
@@ -139,14 +148,15 @@ def identify(
     from_s: float = 0.0,
     to_s: float = inf,
     holdout: float | None = None,
-    reference: Recording | Path | str | None = None,
+    reference: Source | None = None,
     report: Path | str | None = None,
     progress: Callable[[float, str], bool] | None = None,
 ) -> Identification:
-    """Identify bodies from a recording by one batch method.
+    """Identify bodies from a recording or arrays by one batch method.
 
     Parameters
     ----------
+    recording : a recording, or `Samples`, which are made one in a temporary folder
     robot : robot of the recording; None: the configuration inside the recording
     unknown : base, target, both, or names with commas; None: as the configuration says
     weighting : for method mrnea only; None: as the configuration says
@@ -175,12 +185,12 @@ def identify(
     values = identify_recording(
         held.path, chosen.config, method, (), progress, span, holdout, empty, shown
     )
-    return Identification(values)
+    return Identification(values | ({"input": list(held.notes)} if held.notes else {}))
 
 
 @on_one_thread
 def replay(
-    recording: Recording | Path | str,
+    recording: Source,
     robot: Robot | None = None,
     *,
     from_s: float = 0.0,
@@ -206,7 +216,7 @@ def replay(
 
 @on_one_thread
 def report(
-    recording: Recording | Path | str,
+    recording: Source,
     robot: Robot | None = None,
     out: Path | str = "report.html",
     *,
@@ -302,11 +312,18 @@ def plan(
     return planned(subject, motion_limits, collisions, request, progress)
 
 
-def _pair(recording: Recording | Path | str, robot: Robot | None) -> tuple[Recording, Robot]:
+def _pair(recording: Source, robot: Robot | None) -> tuple[Recording, Robot]:
     if robot is not None and not isinstance(robot, Robot):
         raise ConfigError(f"robot: {robot!r} must be a Robot, such as Robot('robot.yaml')")
-    held = recording if isinstance(recording, Recording) else load(recording)
-    return held, held.robot if robot is None else robot
+    if not isinstance(recording, Samples):
+        held = recording if isinstance(recording, Recording) else load(recording)
+        return held, held.robot if robot is None else robot
+    if robot is None:
+        raise ConfigError("robot: missing; arrays have none: Robot.from_urdf('arm.urdf', tool=...)")
+    robot, folder = robot.fitted(recording), Folder()
+    path = folder.path / "samples.mcap"
+    notes = recording.write(robot.config, path)
+    return Recording(path, folder, notes), robot
 
 
 def _apart(out: Path | str | None, held: Recording) -> None:

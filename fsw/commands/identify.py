@@ -239,5 +239,6 @@ def to_text(result: Mapping[str, Any]) -> str:
     lines += noise_text(result)
     if result.get("holdout"):
         lines += holdout_text(result["holdout"])
+    lines += result.get("input", ())
     lines.append(f"iterations {result['iterations']}, wall {result['wall_s']:.1f} s")
     return "\n".join(lines)

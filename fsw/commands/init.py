@@ -2,7 +2,7 @@
 
 import argparse
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from fsw.checks.configuration import validate
@@ -23,6 +23,7 @@ from fsw.commands.init_text import (
 )
 from fsw.commands.out_argument import refuse_existing
 from fsw.config import parse
+from fsw.config.devices import SAMPLES
 from fsw.errors import ConfigError
 from fsw.estimators.model.inertia import PARAMETERS, from_parameters, is_consistent
 from fsw.estimators.model.robot import RobotModel
@@ -46,32 +47,16 @@ def init(arguments: argparse.Namespace) -> str:
     """
     out: Path = arguments.out
     refuse_existing(arguments)
-    try:
-        content = arguments.urdf.read_bytes()
-        check_urdf(content)
-    except OSError as error:
-        raise ConfigError(f"{arguments.urdf}: cannot be read: {error.strerror}") from error
-    except ConfigError as error:
-        raise ConfigError(f"{arguments.urdf} {error}") from error
-    ask = asker(arguments)
-    root = ET.fromstring(content)
-    base = _base(ask, root, arguments.base)
-    leaves = _leaves(root)
-    links = [link.get("name", "") for link in root.findall("link")]
-    if not leaves:
-        raise ConfigError(f"{arguments.urdf} has no link at the end of a chain: no tree of links")
-    words = f"tool frame, one of {', '.join(leaves)}"
-    tool = ask("tool", words, one_of(links), leaves[0] if leaves else "")
-    model = read_model(arguments.urdf, tool)
-    if model.n == 0:
-        raise ConfigError(f"{arguments.urdf} has no joint that moves; at least 1 is needed")
-    is_held = "clamped" in base
-    arguments.torque = arguments.torque or ("arm_sensor" if is_held else "generic")
-    found = None if arguments.recording is None else recorded(arguments.recording, model)
-    if found is not None and not found.nodes:
-        _refuse_missing_sensors(arguments, found, moves=not is_held)
-    files = {out: _text(arguments, ask, tool, root, model, found) + base}
-    config = parse(files[out].encode(), out.parent.absolute(), str(out))  # checks the text
+
+    def found_in(model: RobotModel) -> Recorded | None:
+        found = None if arguments.recording is None else recorded(arguments.recording, model)
+        if found is not None and not found.nodes:
+            _name_sensors(arguments, found, moves=arguments.base != "clamped")
+        return found
+
+    text, found = described(arguments, found_in)
+    files = {out: text}
+    config = parse(text.encode(), out.parent.absolute(), str(out))  # checks the text
     _, doubts = validate(config)
     mapping = out.parent / f"{out.stem}.map.yaml"
     if found is not None and found.mapping:
@@ -92,23 +77,62 @@ def init(arguments: argparse.Namespace) -> str:
     return "\n".join(lines)
 
 
-def _refuse_missing_sensors(arguments: argparse.Namespace, found: Recorded, *, moves: bool) -> None:
-    """Raise ConfigError for a sensor that is named or needed and has no columns in a table."""
+def described(
+    arguments: argparse.Namespace, found_in: Callable[[RobotModel], Recorded | None]
+) -> tuple[str, Recorded | None]:
+    """Return the text of the configuration, and what `found_in` says of a recording of the robot.
+
+    Answers that are found or have a default are stored in `arguments`.
+
+    Raises
+    ------
+    ConfigError when the robot cannot be used or a flag is missing.
+    """
+    try:
+        content = arguments.urdf.read_bytes()
+        check_urdf(content)
+    except OSError as error:
+        raise ConfigError(f"{arguments.urdf}: cannot be read: {error.strerror}") from error
+    except ConfigError as error:
+        raise ConfigError(f"{arguments.urdf} {error}") from error
+    ask = asker(arguments)
+    root = ET.fromstring(content)
+    base = _base(ask, root, arguments)
+    leaves = _leaves(root)
+    links = [link.get("name", "") for link in root.findall("link")]
+    if not leaves:
+        raise ConfigError(f"{arguments.urdf} has no link at the end of a chain: no tree of links")
+    words = f"tool frame, one of {', '.join(leaves)}"
+    tool = ask("tool", words, one_of(links), leaves[0] if leaves else "")
+    model = read_model(arguments.urdf, tool)
+    if model.n == 0:
+        raise ConfigError(f"{arguments.urdf} has no joint that moves; at least 1 is needed")
+    is_held = arguments.base == "clamped"
+    arguments.torque = arguments.torque or ("arm_sensor" if is_held else "generic")
+    found = found_in(model)
+    return _text(arguments, ask, tool, root, model, found) + base, found
+
+
+def _name_sensors(arguments: argparse.Namespace, found: Recorded, *, moves: bool) -> None:
+    """Name the sensors of a table; raise ConfigError for one that is needed and has no columns."""
     if moves and not found.imu_rate_hz:
         raise ConfigError(
             f"--recording {arguments.recording}: no columns of an inertial unit, and a base that "
             "moves needs one; is it --base clamped?"
         )
     for name, rate_hz in (("imu", found.imu_rate_hz), ("tracker", found.tracker_rate_hz)):
+        if getattr(arguments, name) is None:
+            setattr(arguments, name, SAMPLES if rate_hz else "none")
         given = getattr(arguments, name)
-        if given not in (None, "none") and not rate_hz:
+        if given != "none" and not rate_hz:
             raise ConfigError(
                 f"--{name}: {given}, and {arguments.recording} has no columns of it; must be none"
             )
 
 
-def _base(ask: Ask, root: ET.Element, given: str | None) -> str:
+def _base(ask: Ask, root: ET.Element, arguments: argparse.Namespace) -> str:
     """Return the YAML section `base`, empty if free; ask if a massless root has a fixed joint."""
+    given = arguments.base
     held = given or "free"
     children = {child.get("link") for _, child in _ends(root, "child")}
     for joint, parent in _ends(root, "parent"):
@@ -119,6 +143,7 @@ def _base(ask: Ask, root: ET.Element, given: str | None) -> str:
             words += f"; what holds the base ({', '.join(HELD)})"
             held = ask("base", words, one_of(HELD))
             break
+    arguments.base = held
     if held == "free":
         return ""
     return f"""

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -24,7 +25,17 @@ from fsw.commands.init_columns import (
     times,
     words_of,
 )
+from fsw.commands.init_noise import (
+    LEAST,
+    Limits,
+    most,
+    noise_of,
+    noise_of_turns,
+    rate_of,
+    sizes_of,
+)
 from fsw.drivers.codecs.canopen import COB_SYNC, COB_TPDO1, NODE_MASK
+from fsw.drivers.codecs.stim300 import STANDARD_GRAVITY_M_S2
 from fsw.drivers.ports.can_log import read_can_log
 from fsw.errors import ConfigError, cut
 from fsw.estimators.model.robot import RobotModel
@@ -35,20 +46,6 @@ UNITS_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 PERIODS_S = (2e-4, 0.2)  # a sensor's period in seconds; in another unit it is another number
 TURN_RAD = 2.2 * np.pi  # larger angles of a joint with a range are degrees
 FAST_RAD_S = 15.0  # larger rates of a base are degrees a second
-DIFFERENCE = 4  # order of the differences that show noise, not motion
-AT_REST = 0.1  # of the largest noise of a joint: less is that of a joint that does not move
-EQUAL = 1e-10  # difference of values that differ by the rounding of arithmetic alone
-LEAST = 50  # least number of rows
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Limits:
-    """Sizes and noise of one joint in a recording [N m, rad/s, N m, rad]; 0: not known."""
-
-    torque_nm: float = 0.0
-    speed_rad_s: float = 0.0
-    torque_noise_nm: float = 0.0
-    position_noise_rad: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,6 +57,9 @@ class Recorded:
     tracker_rate_hz: float = 0.0  # 0: no star tracker
     has_torque: bool = True
     joints: Sequence[Limits] = ()  # in the order of the model
+    gyro_noise_rad_s: float = 0.0  # 1 sigma of a sample; 0: not seen, as of the next two
+    acc_noise_m_s2: float = 0.0
+    turn_noise_rad: float = 0.0
     nodes: Sequence[int] = ()  # of a CAN log; empty: a table
     mapping: list[str] = field(default_factory=list)  # lines of the mapping; empty for a CAN log
 
@@ -90,7 +90,7 @@ def _of_log(path: Path, model: RobotModel) -> Recorded:
         raise ConfigError(
             f"--recording {path}: {len(nodes)} nodes send ({held}); the robot has {model.n} joints"
         )
-    return Recorded(rate_hz=_rate(sync * 1e-9), nodes=nodes[: model.n])
+    return Recorded(rate_hz=rate_of(sync * 1e-9), nodes=nodes[: model.n])
 
 
 def _of_table(table: Table, model: RobotModel) -> Recorded:
@@ -118,43 +118,46 @@ def _of_table(table: Table, model: RobotModel) -> Recorded:
     rest = [
         name for name in names if name not in {*position.columns, *(torque or position).columns}
     ]
-    others, imu_rate_hz, tracker_rate_hz = _sensors(table, rest, column)
+    others, seen = _sensors(table, rest, column)
     return Recorded(
-        rate_hz=_rate(t_s),
-        imu_rate_hz=imu_rate_hz,
-        tracker_rate_hz=tracker_rate_hz,
+        rate_hz=rate_of(t_s),
         has_torque=tau is not None,
-        joints=_limits(t_s, q, tau, model.kinds()),
+        joints=sizes_of(t_s, q, tau, model.kinds()),
         mapping=[*lines, *others],
+        **seen,
     )
 
 
 def _sensors(
     table: Table, names: Sequence[str], time_of_joints: str
-) -> tuple[list[str], float, float]:
-    """Return the lines of inertial unit and star tracker with their rates; 0: there is none."""
-    lines, rates_hz = [], [0.0, 0.0]
+) -> tuple[list[str], dict[str, Any]]:
+    """Return the lines of inertial unit and star tracker, and their fields of `Recorded`."""
+    lines, seen = list[str](), dict[str, Any]()
     turns = chosen(axis_groups(names, "xyzw"), TURN)
     axes = axis_groups([n for n in names if turns is None or n not in turns.columns], "xyz")
     gyro, force = chosen(axes, GYRO, FORCE), chosen(axes, FORCE, GYRO)
     if gyro is not None:
         w = _values(table, gyro)
-        in_degrees = "deg" in gyro.stem.lower() or _most(w) > FAST_RAD_S
+        in_degrees = "deg" in gyro.stem.lower() or most(w) > FAST_RAD_S
         column, unit, t_s = _time(table, gyro)
-        rates_hz[0] = _rate(t_s)
+        seen["imu_rate_hz"] = rate_of(t_s)
+        seen["gyro_noise_rad_s"] = noise_of(t_s, np.deg2rad(w) if in_degrees else w)
         lines += ["imu:", *_own_time(column, unit, time_of_joints)]
         lines.append(_line("rate", gyro, "deg/s" if in_degrees else "rad/s", w, ""))
         if force is not None:
             f = _values(table, force)
             size = float(np.nanmedian(np.linalg.norm(f, axis=1)))
-            lines.append(_line("specific_force", force, "g" if 0.8 < size < 1.2 else "m/s2", f, ""))
+            in_g = 0.8 < size < 1.2
+            seen["acc_noise_m_s2"] = noise_of(t_s, f) * (STANDARD_GRAVITY_M_S2 if in_g else 1.0)
+            lines.append(_line("specific_force", force, "g" if in_g else "m/s2", f, ""))
     if turns is not None:
         column, unit, t_s = _time(table, turns)
-        rates_hz[1] = _rate(t_s)
+        seen["tracker_rate_hz"] = rate_of(t_s)
+        seen["turn_noise_rad"] = noise_of_turns(t_s, _values(table, turns))
         lines += ["star_tracker:", *_own_time(column, unit, time_of_joints)]
         columns = _listed(turns.columns)
         lines.append(f"  quaternion: {{columns: {columns}, order: xyzw}}  # CHECK")
-    return lines, rates_hz[0], rates_hz[1]
+    return lines, seen
 
 
 def _own_time(column: str, unit: str, time_of_joints: str) -> list[str]:
@@ -227,74 +230,13 @@ def _torques(table: Table, group: Group, model: RobotModel) -> tuple[FloatArray,
     return tau * (1e-3 if unit == "mN m" else 1.0), words
 
 
-def _limits(
-    t_s: FloatArray, q: FloatArray, tau: FloatArray | None, kinds: Sequence[str]
-) -> list[Limits]:
-    """Return sizes and noise of every joint, from rows that differ from the one before."""
-    is_new = np.append(True, (np.diff(q, axis=0) != 0.0).any(axis=1) & (np.diff(t_s) > 0.0))
-    t_s, q = t_s[is_new], q[is_new]
-    tau = np.full_like(q, np.nan) if tau is None else tau[is_new]
-    speeds = np.abs(np.diff(q, axis=0)) / np.diff(t_s)[:, None] if len(t_s) > 1 else np.abs(q)
-    noises = [max(_noise(t_s, one), _step(one) / np.sqrt(12.0)) for one in q.T]
-    for kind in set(kinds):  # a joint at rest does not show what the encoders of the others do
-        own = [k for k, other in enumerate(kinds) if other == kind]
-        most = max(noises[k] for k in own)
-        for k in own:
-            noises[k] = most if noises[k] < AT_REST * most else noises[k]
-    return [
-        Limits(
-            torque_nm=_most(tau[:, k]),
-            speed_rad_s=_most(speeds[:, k]),
-            torque_noise_nm=_noise(t_s, tau[:, k]),
-            position_noise_rad=noises[k],
-        )
-        for k in range(q.shape[1])
-    ]
-
-
-def _most(values: FloatArray) -> float:
-    """Return the size that 99.9 % of the values keep; 0: there are none."""
-    finite = np.abs(values[np.isfinite(values)])
-    return float(np.quantile(finite, 0.999)) if finite.size else 0.0
-
-
-def _noise(t_s: FloatArray, values: FloatArray) -> float:
-    """Return 1 sigma of white noise by divided differences of a high order; 0: none is seen.
-
-    Logs have gaps, so that plain differences would show the motion. Values that repeat, as at rest
-    or from a slower sensor, show no noise.
-    """
-    is_known = np.isfinite(values)
-    values, t_s = values[is_known], t_s[is_known]
-    if len(values) < LEAST:
-        return 0.0
-    near = np.lib.stride_tricks.sliding_window_view(np.arange(len(values)), DIFFERENCE + 1)
-    apart = t_s[near][:, :, None] - t_s[near][:, None, :] + np.eye(DIFFERENCE + 1)
-    weights = 1.0 / np.prod(apart / np.abs(apart).max(axis=(1, 2), keepdims=True), axis=2)
-    found = np.sum(weights * values[near], axis=1) / np.linalg.norm(weights, axis=1)
-    differs = np.ptp(values[near], axis=1) > 0.0
-    return float(1.4826 * np.median(np.abs(found[differs]))) if differs.sum() >= LEAST else 0.0
-
-
-def _step(values: FloatArray) -> float:
-    """Return the step to which values are rounded: the least difference between two of them."""
-    steps = np.diff(np.unique(values[np.isfinite(values)]))
-    return float(np.min(steps[steps > EQUAL], initial=np.inf)) if np.any(steps > EQUAL) else 0.0
-
-
-def _rate(t_s: FloatArray) -> float:
-    """Return the rate of samples [Hz] with three digits, from the median of the steps."""
-    steps = np.diff(t_s[np.isfinite(t_s)])
-    return float(f"{1.0 / float(np.median(steps[steps > 0.0])):.3g}")
-
-
 def _values(table: Table, group: Group) -> FloatArray:
     return np.concatenate([table.column(name)[0] for name in group.columns], axis=1)
 
 
 def _line(key: str, group: Group, unit: str, values: FloatArray, shown: str) -> str:
     columns = _quoted(group.columns[0]) if len(group.columns) == 1 else _listed(group.columns)
-    size = f" largest {_most(values):.3g} {shown}" if shown else ""
+    size = f" largest {most(values):.3g} {shown}" if shown else ""
     return f"  {key}: {{columns: {columns}, unit: {unit}}}  # CHECK{size}"
 
 

@@ -12,8 +12,10 @@ from fsw.checks.configuration import HIGH_LOAD
 from fsw.checks.robot import MOST_EFFORT_NM, MOST_SPEED_RAD_S
 from fsw.commands.init_answers import Ask, angles, one_of, three
 from fsw.commands.init_devices import device, library, trust
-from fsw.commands.init_recording import Limits, Recorded
-from fsw.config.devices import linear
+from fsw.commands.init_noise import Limits
+from fsw.commands.init_recording import Recorded
+from fsw.config.base import SMALLEST
+from fsw.config.devices import SAMPLES, linear
 from fsw.config.processing import EstimatorConfig
 from fsw.errors import ConfigError
 from fsw.estimators.model.robot import RobotModel
@@ -226,7 +228,11 @@ def imu_lines(ask: Ask, found: Recorded | None) -> tuple[list[str], Mapping[str,
     turn = ask("imu_rpy", "roll, pitch, yaw that take its axes to the root link's [rad]", angles)
     is_sampled = found is not None and not found.nodes
     if found is not None and found.imu_rate_hz:
-        unit = unit | {"driver": "samples", "rate_hz": found.imu_rate_hz}
+        seen = {
+            "angle_random_walk_rad_sqrt_s": found.gyro_noise_rad_s / found.imu_rate_hz**0.5,
+            "velocity_random_walk_m_s_sqrt_s": found.acc_noise_m_s2 / found.imu_rate_hz**0.5,
+        }
+        unit = unit | {"driver": SAMPLES, "rate_hz": found.imu_rate_hz} | _noises(seen)
     lines = [
         "",
         f"# {unit['title']}; {trust(unit)}",
@@ -239,6 +245,11 @@ def imu_lines(ask: Ask, found: Recorded | None) -> tuple[list[str], Mapping[str,
         *figures(unit),
     ]
     return lines, unit
+
+
+def _noises(seen: Mapping[str, float]) -> dict[str, float]:
+    """Return the noises that a recording shows, which replace those of the device."""
+    return {key: float(f"{noise:.3g}") for key, noise in seen.items() if noise >= SMALLEST}
 
 
 def tracker_lines(ask: Ask, found: Recorded | None) -> tuple[list[str], Mapping[str, Any]]:
@@ -256,7 +267,9 @@ def tracker_lines(ask: Ask, found: Recorded | None) -> tuple[list[str], Mapping[
     unit = device("star_tracker", name)
     turn = ask("tracker_rpy", "roll, pitch, yaw of the star tracker (boresight z) [rad]", angles)
     if found is not None and found.tracker_rate_hz:
+        keys = ("noise_across_rad", "noise_about_rad")
         unit = unit | {"rate_hz": found.tracker_rate_hz}
+        unit |= _noises(dict.fromkeys(keys, found.turn_noise_rad))
     lines = [
         "",
         f"# {unit['title']}; {trust(unit)}",

@@ -28,7 +28,7 @@ def with_overlays(config: Config, overlays: Sequence[Path]) -> Config:
         return config
     data: object = read_yaml(config.source, aliases=True)
     for path in overlays:
-        data = _laid(data, _read(path), str(path), "")
+        data = merged(data, _read(path), str(path))
     text = yaml.safe_dump(data, sort_keys=False, allow_unicode=True).encode()
     name = " + ".join([config.name, *map(str, overlays)])
     return parse(text, config.resolve(Path()), name)
@@ -48,12 +48,19 @@ def _read(path: Path) -> dict[Any, Any]:
     return data
 
 
-def _laid(below: object, above: object, file: str, key: str) -> object:
-    """Return values `below` with those of an overlay `above` applied; `key`: their prefix."""
+def merged(below: object, above: object, file: str, key: str = "") -> object:
+    """Return values `below` with those of an overlay `above` applied.
+
+    `file` names the overlay in messages, `key` is the prefix of its keys.
+
+    Raises
+    ------
+    ConfigError for a named section that is not in `below`.
+    """
     if isinstance(below, dict) and isinstance(above, dict):
         kept = {name: value for name, value in below.items() if ONE_OF_TWO.get(name) not in above}
         return kept | {
-            name: _laid(kept.get(name), value, file, f"{key}{name}.")
+            name: merged(kept.get(name), value, file, f"{key}{name}.")
             for name, value in above.items()
         }
     named, changes = _by_name(below), _by_name(above)
@@ -62,7 +69,7 @@ def _laid(below: object, above: object, file: str, key: str) -> object:
     strange = [name for name in changes if name not in named]
     if strange:
         raise ConfigError(f"{file}: {key}name: {strange[0]!r} must be one of {', '.join(named)}")
-    return [_laid(item, changes.get(name, {}), file, key) for name, item in named.items()]
+    return [merged(item, changes.get(name, {}), file, key) for name, item in named.items()]
 
 
 def _by_name(values: object) -> dict[str, object] | None:

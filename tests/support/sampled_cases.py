@@ -90,6 +90,35 @@ def sampled(setup: Setup, config: Path, seed: int) -> tuple[Columns, Columns]:
     return joints, inertial
 
 
+def as_arrays(joints: Columns, inertial: Columns) -> Columns:
+    """Return the columns of `sampled` as the arrays of `fsw.Samples`, by its fields."""
+
+    def stacked(columns: Columns, first: str) -> np.ndarray:
+        return np.column_stack([own for name, own in columns.items() if name.startswith(first)])
+
+    return {
+        "t_s": joints["t"],
+        "q": stacked(joints, "q_"),
+        "tau": stacked(joints, "tau_"),
+        "t_imu_s": inertial["t"],
+        "gyro_rad_s": stacked(inertial, "w"),
+        "specific_force_m_s2": stacked(inertial, "f"),
+    }
+
+
+def in_the_robots_axes(arrays: Columns, config: Path) -> Columns:
+    """Return arrays with sign and zero of the joints applied, inertial ones in axes B."""
+    data = yaml.safe_load(config.read_text())
+    signs = np.array([joint["sign"] for joint in data["joints"]])
+    zeros = np.array([joint["zero_offset_rad"] for joint in data["joints"]])
+    R_BS = Rotation.from_quat(data["imu"]["mounting"]["q_BS_xyzw"]).as_matrix()
+    return arrays | {
+        "q": signs * arrays["q"] - zeros,
+        "tau": signs * arrays["tau"],
+        **{name: arrays[name] @ R_BS.T for name in ("gyro_rad_s", "specific_force_m_s2")},
+    }
+
+
 def write_csv(path: Path, columns: Columns) -> Path:
     """Write columns with a header; all digits of every number."""
     rows = np.column_stack(list(columns.values())).tolist()

@@ -103,20 +103,23 @@ class _Poses(_Section):
 
 
 def sampled_channels(
-    config: Config, mapping: Mapping, folder: Path, file: Path | None
+    config: Config, mapping: Mapping, folder: Path, file: Path | Table | None
 ) -> Iterator[Channel]:
     """Yield the channels that a mapping describes.
 
     Parameters
     ----------
     folder : folder of the mapping; paths of files in the mapping are relative to it
-    file : file of the sections that name no file
+    file : file, or table in memory, of the sections that name no file
 
     Raises
     ------
     ConfigError when columns or stamps cannot be used, or belong to another robot.
     """
     tables: dict[Path, Table] = {}
+    if isinstance(file, Table):
+        tables[file.path] = file
+        file = file.path
 
     def open_table(name: str, files: Sequence[Path] | None) -> Parts:
         paths = [file] if files is None else [folder / own for own in files]

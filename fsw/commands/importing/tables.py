@@ -40,15 +40,19 @@ ISO = "iso"  # unit of times that are dates
 class Table:
     """The columns of one file: a text table, .npz, or with any other suffix a ROS 2 bag.
 
+    `columns` are the columns of a table that is in memory; `path` is its name in messages then.
+
     Raises
     ------
     ConfigError when the file cannot be read or is empty, or rosbags is not installed.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, columns: Columns | None = None) -> None:
         self.path = path
         readers = {".npz": _npz_columns} | dict.fromkeys(TABLES, csv_columns)
-        self._columns: Columns = readers.get(path.suffix.lower(), bag_columns)(path)
+        if columns is None:
+            columns = readers.get(path.suffix.lower(), bag_columns)(path)
+        self._columns: Columns = columns
         self._used: set[str] = set()  # names of columns that have been read
 
     @property

@@ -13,7 +13,10 @@ import pytest
 import fsw
 from fsw.__main__ import main
 from fsw.errors import ConfigError
+from hil.run.bench import prepare
 from tests.support.excitation_cases import LIMITS_FILE
+from tests.support.sampled_cases import as_arrays, in_the_robots_axes, sampled, sampled_config
+from tests.support.short_cases import short
 
 ROOT = Path(__file__).parents[4]
 HEAVY = ("numpy", "scipy", "pinocchio", "pydantic", "can", "mcap")
@@ -75,6 +78,7 @@ def test_an_unknown_name_is_an_attribute_error():
     with pytest.raises(AttributeError, match="nothing"):
         _ = fsw.nothing  # type: ignore[attr-defined]
     assert all(callable(getattr(fsw, name)) for name in fsw.__all__)
+    assert dir(fsw) == sorted(fsw.__all__)
 
 
 def test_identify_gives_what_the_command_prints(flown, capsys):
@@ -155,6 +159,11 @@ def test_the_page_of_the_api_does_what_it_says(flown, tmp_path, monkeypatch, cap
         (tmp_path / name).symlink_to(flown / name)
     (tmp_path / "robot.yaml").symlink_to(flown / "flight.yaml")
     (tmp_path / "limits.yaml").symlink_to(LIMITS_FILE)
+    (folder := tmp_path / "arrays").mkdir()
+    setup = prepare(short(folder, hurry=2.0), 1, folder)
+    config = sampled_config(setup)
+    arrays = in_the_robots_axes(as_arrays(*sampled(setup, config, 1)), config)
+    np.savez(tmp_path / "arm.npz", **arrays)
     monkeypatch.chdir(tmp_path)
     space: dict[str, object] = {}
     for block in blocks:

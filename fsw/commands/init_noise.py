@@ -1,0 +1,102 @@
+"""Sizes, rate and noise of samples; noise is what differences of a high order show."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fsw.messages import FloatArray
+
+DIFFERENCE = 4  # order of the differences that show noise, not motion
+AT_REST = 0.1  # of the largest noise of a joint: less is that of a joint that does not move
+EQUAL = 1e-10  # difference of values that differ by the rounding of arithmetic alone
+LEAST = 50  # least number of rows
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limits:
+    """Sizes and noise of one joint in a recording [N m, rad/s, N m, rad]; 0: not known."""
+
+    torque_nm: float = 0.0
+    speed_rad_s: float = 0.0
+    torque_noise_nm: float = 0.0
+    position_noise_rad: float = 0.0
+
+
+def sizes_of(
+    t_s: FloatArray, q: FloatArray, tau: FloatArray | None, kinds: Sequence[str]
+) -> list[Limits]:
+    """Return sizes and noise of every joint, from rows that differ from the one before."""
+    is_new = np.append(True, (np.diff(q, axis=0) != 0.0).any(axis=1) & (np.diff(t_s) > 0.0))
+    t_s, q = t_s[is_new], q[is_new]
+    tau = np.full_like(q, np.nan) if tau is None else tau[is_new]
+    speeds = np.abs(np.diff(q, axis=0)) / np.diff(t_s)[:, None] if len(t_s) > 1 else np.abs(q)
+    noises = [max(white_noise(t_s, one), _step(one) / np.sqrt(12.0)) for one in q.T]
+    for kind in set(kinds):  # a joint at rest does not show what the encoders of the others do
+        own = [k for k, other in enumerate(kinds) if other == kind]
+        largest = max(noises[k] for k in own)
+        for k in own:
+            noises[k] = largest if noises[k] < AT_REST * largest else noises[k]
+    return [
+        Limits(
+            torque_nm=most(tau[:, k]),
+            speed_rad_s=most(speeds[:, k]),
+            torque_noise_nm=white_noise(t_s, tau[:, k]),
+            position_noise_rad=noises[k],
+        )
+        for k in range(q.shape[1])
+    ]
+
+
+def most(values: FloatArray) -> float:
+    """Return the size that 99.9 % of the values keep; 0: there are none."""
+    finite = np.abs(values[np.isfinite(values)])
+    return float(np.quantile(finite, 0.999)) if finite.size else 0.0
+
+
+def white_noise(t_s: FloatArray, values: FloatArray) -> float:
+    """Return 1 sigma of white noise by divided differences of a high order; 0: none is seen.
+
+    Logs have gaps, so that plain differences would show the motion. Values that repeat, as at rest
+    or from a slower sensor, show no noise.
+    """
+    is_known = np.isfinite(values)
+    values, t_s = values[is_known], t_s[is_known]
+    if len(values) < LEAST:
+        return 0.0
+    near = np.lib.stride_tricks.sliding_window_view(np.arange(len(values)), DIFFERENCE + 1)
+    apart = t_s[near][:, :, None] - t_s[near][:, None, :] + np.eye(DIFFERENCE + 1)
+    weights = 1.0 / np.prod(apart / np.abs(apart).max(axis=(1, 2), keepdims=True), axis=2)
+    found = np.sum(weights * values[near], axis=1) / np.linalg.norm(weights, axis=1)
+    differs = np.ptp(values[near], axis=1) > 0.0
+    return float(1.4826 * np.median(np.abs(found[differs]))) if differs.sum() >= LEAST else 0.0
+
+
+def _step(values: FloatArray) -> float:
+    """Return the step to which values are rounded: the least difference between two of them."""
+    steps = np.diff(np.unique(values[np.isfinite(values)]))
+    return float(np.min(steps[steps > EQUAL], initial=np.inf)) if np.any(steps > EQUAL) else 0.0
+
+
+def rate_of(t_s: FloatArray) -> float:
+    """Return the rate of samples [Hz] with three digits, from the median of the steps."""
+    steps = np.diff(t_s[np.isfinite(t_s)])
+    return float(f"{1.0 / float(np.median(steps[steps > 0.0])):.3g}")
+
+
+def noise_of(t_s: FloatArray, values: FloatArray | None) -> float:
+    """Return 1 sigma of the white noise of a sensor of several axes (k, axes); 0: none is seen."""
+    return 0.0 if values is None else max(white_noise(t_s, one) for one in values.T)
+
+
+def noise_of_turns(t_s: FloatArray, q: FloatArray | None) -> float:
+    """Return 1 sigma of the noise of attitude about an axis [rad]; q: quaternions (k, 4).
+
+    A turn by a small angle v moves a unit quaternion by v / 2, in three of its four dimensions, so
+    that the variances of the components have the sum 3 sigma^2 / 4.
+    """
+    if q is None:
+        return 0.0
+    same = np.where(np.sum(q[1:] * q[:-1], axis=1) < 0.0, -1.0, 1.0)
+    continuous = q * np.append(1.0, np.cumprod(same))[:, None]
+    return float(np.sqrt(4.0 / 3.0 * sum(white_noise(t_s, one) ** 2 for one in continuous.T)))

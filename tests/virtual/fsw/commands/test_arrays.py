@@ -1,0 +1,198 @@
+"""NumPy arrays with a URDF: the estimate of a recording of them, and sensors that are the arrays'.
+
+Bounds, set before the first run: arrays and the recording that `fsw import` makes of them give the
+same bits; the robot that code describes finds the body within 4 sigma of the truth.
+"""
+
+import json
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from scipy.spatial.transform import Rotation
+
+import fsw
+from fsw.__main__ import main
+from fsw.errors import ConfigError
+from hil.run.bench import Setup, prepare
+from tests.conftest import arm_urdf
+from tests.support.sampled_cases import as_arrays, in_the_robots_axes, sampled, sampled_config
+from tests.support.short_cases import short
+
+NOISE_RAD_S, NOISE_M_S2, NOISE_TURN_RAD, NOISE_RAD = 2e-4, 3e-3, 2e-5, 1e-5
+CHOICES = {"tool": "gripper", "prior": {"target": {"mass_kg": 2.0}}}
+
+
+@dataclass(frozen=True)
+class Arrays:
+    setup: Setup
+    config: Path
+    held: dict[str, np.ndarray]
+
+    def samples(self, **changes: Any) -> fsw.Samples:
+        return fsw.Samples(**(self.held | changes))
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory: pytest.TempPathFactory) -> Arrays:
+    folder = tmp_path_factory.mktemp("lab")
+    setup = prepare(short(folder, hurry=2.0), 1, folder)
+    config = sampled_config(setup)
+    return Arrays(setup, config, as_arrays(*sampled(setup, config, 1)))
+
+
+def imported(lab: Arrays, folder: Path) -> Path:
+    """Return the recording that `fsw import` makes of the arrays in an .npz file."""
+    np.savez(folder / "data.npz", **lab.held)
+    mapping = {
+        "joints": {
+            "time": {"column": "t_s", "unit": "s"},
+            "position": {"columns": "q", "unit": "rad"},
+            "torque": {"columns": "tau", "unit": "N m"},
+        },
+        "imu": {
+            "time": {"column": "t_imu_s", "unit": "s"},
+            "rate": {"columns": "gyro_rad_s", "unit": "rad/s"},
+            "specific_force": {"columns": "specific_force_m_s2", "unit": "m/s2"},
+        },
+    }
+    (folder / "map.yaml").write_text(yaml.safe_dump(mapping))
+    out = folder / "out.mcap"
+    files = ["--map", str(folder / "map.yaml"), "--config", str(lab.config), "--out", str(out)]
+    assert main(["import", str(folder / "data.npz"), *files]) == 0
+    return out
+
+
+def test_arrays_give_the_estimate_of_a_recording_of_them(lab, tmp_path, capsys):
+    main(["identify", str(imported(lab, tmp_path)), "--config", str(lab.config), "--json"])
+    theirs = json.loads(capsys.readouterr().out.splitlines()[-1])
+    ours = fsw.identify(lab.samples(), fsw.Robot(lab.config))
+    assert (ours.status, ours.names) == (theirs["status"], tuple(theirs["names"]))
+    np.testing.assert_array_equal(ours.mean, theirs["mean"])
+    np.testing.assert_array_equal(ours.covariance, theirs["covariance"])
+    assert re.search(r"joints: \d+ samples in", str(ours)), "what was read is said"
+
+
+def test_a_robot_in_code_finds_the_body(lab):
+    data = yaml.safe_load(lab.config.read_text())
+    robot = fsw.Robot.from_urdf(
+        lab.config.parent / data["robot"]["urdf"],
+        tool=data["robot"]["tool_frame"],
+        prior={"target": data["bodies"]["target"]},
+        settings={
+            "imu": {"mounting": data["imu"]["mounting"] | {"q_BS_xyzw": [0, 0, 0, 1]}},
+            "estimator": {"settle_blocks": 20},
+        },
+    )
+    t_s = np.arange(1.0, lab.held["t_s"][-1], 0.2)
+    turns = Rotation.from_matrix(lab.setup.history.at(t_s).R_NB)
+    noise = np.random.default_rng(5).normal(0.0, NOISE_TURN_RAD, (len(t_s), 3))
+    samples = fsw.Samples(
+        **in_the_robots_axes(lab.held, lab.config),
+        q_NB_xyzw=(turns * Rotation.from_rotvec(noise)).as_quat(),
+        t_attitude_s=t_s,
+    )
+    found = fsw.identify(samples, robot)
+    assert found.valid, str(found)
+    mass_kg, *rest = lab.setup.scenario.truth["target"]
+    truth = mass_kg, rest[:3], rest[3:]
+    for key, true in zip(("mass_kg", "com_m", "inertia_kg_m2"), truth, strict=True):
+        estimate, sigma = (found.values[name]["target"][key] for name in ("estimate", "sigma"))
+        assert np.abs(np.subtract(estimate, true) / sigma).max() < 4.0, (key, str(found))
+
+
+def arm(folder: Path, **choices: Any) -> fsw.Robot:
+    (folder / "arm.urdf").write_text(arm_urdf(3))
+    return fsw.Robot.from_urdf(folder / "arm.urdf", **(CHOICES | choices))
+
+
+def motion(rate_hz: float, noise: float, axes: int = 3) -> np.ndarray:
+    """Return eight seconds of a gentle motion with noise."""
+    rng = np.random.default_rng(3)
+    t_s = np.arange(round(rate_hz * 8.0)) / rate_hz
+    values = 0.1 * np.sin(0.5 * t_s[:, None] + np.arange(axes))
+    return values + rng.normal(0.0, noise, values.shape)
+
+
+def arrays(**changes: Any) -> fsw.Samples:
+    held = {
+        "t_s": np.arange(800) / 100.0,
+        "q": motion(100.0, NOISE_RAD),
+        "tau": motion(100.0, 0.05),
+        "gyro_rad_s": motion(100.0, NOISE_RAD_S),
+        "specific_force_m_s2": motion(100.0, NOISE_M_S2),
+    }
+    return fsw.Samples(**(held | changes))
+
+
+def test_noise_and_delays_are_those_of_the_arrays(tmp_path):
+    turns = Rotation.from_rotvec(motion(20.0, NOISE_TURN_RAD))
+    samples = arrays(q_NB_xyzw=turns.as_quat(), t_attitude_s=np.arange(160) / 20.0)
+    config = arm(tmp_path).fitted(samples).config
+    imu, tracker = config.imu, config.star_tracker
+    assert tracker is not None
+    assert (imu.rate_hz, tracker.rate_hz, config.buses[0].rate_hz) == (100.0, 20.0, 100.0)
+    delays = imu.gyro_group_delay_s, imu.acc_group_delay_s, tracker.latency_s
+    assert delays == (0.0, 0.0, 0.0)
+    near = {"rel": 0.2}  # of a known noise
+    assert 10.0 * imu.angle_random_walk_rad_sqrt_s == pytest.approx(NOISE_RAD_S, **near)
+    assert 10.0 * imu.velocity_random_walk_m_s_sqrt_s == pytest.approx(NOISE_M_S2, **near)
+    assert tracker.noise_about_rad == pytest.approx(NOISE_TURN_RAD, **near)
+    assert config.joints[0].position_noise_rad == pytest.approx(NOISE_RAD, **near)
+
+
+def test_choices_hold_for_the_arrays_too(tmp_path):
+    robot = arm(tmp_path).with_choices(method="rda").fitted(arrays())
+    assert (robot.config.estimator.method, robot.config.imu.rate_hz) == ("rda", 100.0)
+
+
+def test_sensors_without_arrays_are_not_there(tmp_path):
+    samples = arrays(tau=None, gyro_rad_s=None, specific_force_m_s2=None)
+    config = arm(tmp_path, base="clamped").fitted(samples).config
+    assert {joint.torque for joint in config.joints} == {"none"}
+    assert (config.imu.present, config.star_tracker) == (False, None)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"q": np.zeros(800)}, "samples: q: of shape (800,); must be (8 rows or more, one for"),
+        ({"tau": np.zeros((799, 3))}, "samples: tau: 799 rows, and t_s has 800"),
+        ({"gyro_rad_s": None}, "specific_force_m_s2: given without gyro_rad_s"),
+        ({"gyro_rad_s": "fast"}, "samples: gyro_rad_s: 'fast' must be numbers"),
+        ({"q": np.zeros((800, 2))}, "samples: q: 2 columns; must be 3, one for each of axis1"),
+        ({"gyro_rad_s": None, "specific_force_m_s2": None}, "gyro_rad_s: missing; only"),
+        ({"q": np.full((800, 3), np.nan)}, "samples"),
+        ({"t_s": np.zeros(800)}, "samples: t_s: 0 of 799 steps go forward"),
+    ],
+)
+def test_arrays_that_cannot_be_are_one_line(tmp_path, changes, words):
+    robot = arm(tmp_path)
+    with pytest.raises(ConfigError, match=re.escape(words)) as raised:
+        fsw.identify(arrays(**changes), robot)
+    assert len(str(raised.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("choices", "words"),
+    [
+        ({"tool": "hand"}, "--tool"),
+        ({"base": "held"}, "base: 'held' must be one of free"),
+        ({"prior": {}}, "prior: 'target' missing; it needs at least mass_kg"),
+        ({"prior": {"target": {"mass_kg": "heavy"}}}, "mass"),
+        ({"settings": {"imu": {"colour": 3}}}, "imu.colour: unknown key"),
+        ({"unknown": ()}, "unknown"),
+    ],
+)
+def test_a_robot_that_cannot_be_is_one_line(tmp_path, choices, words):
+    with pytest.raises(ConfigError, match=re.escape(words)):
+        arm(tmp_path, **choices)
+
+
+def test_arrays_need_a_robot():
+    with pytest.raises(ConfigError, match=re.escape("Robot.from_urdf")):
+        fsw.identify(arrays())
