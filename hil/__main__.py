@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 from hil.basilisk import command as vs_basilisk
 from hil.evidence import commands as evidence
 from hil.examples import EXAMPLES, STUDIES
-from hil.options import call, count, count_or_none, seed
+from hil.options import add_own, call, count, count_or_none, require_own, seed
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -78,6 +78,7 @@ def parser() -> argparse.ArgumentParser:
         help="of a run in real time: the daemon's link for the ground listens on this TCP port",
     )
     _add_settings(run)
+    add_own(run)
     run.set_defaults(command=_run)
     seeds = commands.add_parser(
         "seeds", help="many seeds of a scenario, and what they say together"
@@ -92,6 +93,7 @@ def parser() -> argparse.ArgumentParser:
     seeds.add_argument("--out", type=Path, metavar="DIR", help="keep outcomes and resume")
     seeds.add_argument("--json", action="store_true", help="print outcomes and summary as JSON")
     _add_settings(seeds)
+    add_own(seeds)
     seeds.set_defaults(command=_seeds)
     faults = commands.add_parser("faults", help="every fault in a run of its own, against bounds")
     faults.add_argument(
@@ -230,10 +232,14 @@ def _seeds(arguments: argparse.Namespace) -> int:
     from hil.evidence.seeds import run_seeds, show, summary
     from hil.evidence.settings import settled
 
+    require_own(arguments)
     settled(arguments.scenario, arguments.settings, arguments.first)  # a wrong setting fails once
     numbers = range(arguments.first, arguments.first + arguments.count)
     options = [] if arguments.real_time else ["--fast"]
     options += [word for setting in arguments.settings for word in ("--set", setting)]
+    for name in ("config", "devices"):
+        if (path := getattr(arguments, name)) is not None:
+            options += [f"--{name}", str(path)]
     outcomes = run_seeds(arguments.scenario, numbers, arguments.jobs, options, arguments.out)
     if arguments.json:
         print(json.dumps({"summary": summary(outcomes), "runs": outcomes}))
@@ -251,13 +257,11 @@ def _run(arguments: argparse.Namespace) -> int:
     from hil.judge import judgement, page, report
     from hil.judge.text import show
     from hil.run import bench
+    from hil.run.own_flight import own_world
     from hil.run.progress import meter
     from hil.world.scenario import ScenarioError
 
-    if arguments.fast and arguments.telemetry is not None:
-        raise ScenarioError("--telemetry: a run in virtual time has no link; leave --fast out")
-    if arguments.truth is not None and not arguments.fast:
-        raise ScenarioError("--truth: needs virtual time: add --fast")
+    _require_together(arguments)
     telemetry = None
     if arguments.telemetry is not None:
         telemetry = {"port": arguments.telemetry, "science_interval_s": SCIENCE_INTERVAL_S}
@@ -270,6 +274,9 @@ def _run(arguments: argparse.Namespace) -> int:
         elif folder is None:
             folder = Path("runs") / f"{scenario.name}-{arguments.seed}"
         folder = folder.absolute()
+        scenario, own = own_world(
+            scenario, arguments.config, arguments.devices, arguments.seed, folder
+        )
         if not arguments.fast:
             scenario = _linked(scenario, arguments.bus, stack)
         try:
@@ -281,6 +288,7 @@ def _run(arguments: argparse.Namespace) -> int:
                 overrides=overrides,
                 telemetry=telemetry,
                 truth=arguments.truth,
+                own=own,
             )
         except (OSError, ValueError) as error:  # of the files that `prepare` reads
             raise ScenarioError(" ".join(str(error).split())) from error
@@ -306,6 +314,19 @@ def _run(arguments: argparse.Namespace) -> int:
         else:
             show(outcome, picture, _console())
     return 0 if outcome["valid"] else FAILED_EXIT
+
+
+def _require_together(arguments: argparse.Namespace) -> None:
+    """Raise ScenarioError for options of a run of which one excludes or needs another."""
+    from hil.world.scenario import ScenarioError
+
+    if arguments.fast and arguments.telemetry is not None:
+        raise ScenarioError("--telemetry: a run in virtual time has no link; leave --fast out")
+    if arguments.truth is not None and not arguments.fast:
+        raise ScenarioError("--truth: needs virtual time: add --fast")
+    if arguments.truth is not None and arguments.config is not None:
+        raise ScenarioError("--truth: not beside --config, whose doubts change the arm")
+    require_own(arguments)
 
 
 def _linked(scenario: Scenario, choice: str, stack: ExitStack) -> Scenario:

@@ -1,8 +1,8 @@
 """One example for the help of every command; a test parses every example."""
 
 EXAMPLES = {
-    "run": "hil run target_leo --fast --seed 1 --out runs/first",
-    "seeds": "hil seeds target_leo --first 100 --count 10",
+    "run": "hil run world.yaml --config robot.yaml --fast --seed 1 --out runs/first",
+    "seeds": "hil seeds target_leo --config robot.yaml --first 100 --count 10",
     "faults": "hil faults --only torque_drift --lane virtual",
     "list": "hil list",
     "campaign": "hil campaign hil/evidence/campaign/examples/target.yaml --out runs/campaign",

@@ -33,6 +33,36 @@ def add_resumable(parser: argparse.ArgumentParser, kept: str) -> None:
     parser.add_argument("--json", action="store_true", dest="as_json", help="print one JSON object")
 
 
+def add_own(parser: argparse.ArgumentParser) -> None:
+    """Add the options of a run with a configuration of the user's own."""
+    parser.add_argument(
+        "--config",
+        type=Path,
+        metavar="YAML",
+        help="fly this configuration of the flight software; the world's devices are as it says,"
+        " with errors drawn from its sigmas",
+    )
+    parser.add_argument(
+        "--devices",
+        type=Path,
+        metavar="YAML",
+        help="beside --config: devices as this other configuration says, to plant a mistake",
+    )
+
+
+def require_own(arguments: argparse.Namespace) -> None:
+    """Raise ScenarioError for options that mean nothing with, or without, `--config`."""
+    from hil.world.scenario import ScenarioError
+
+    if arguments.config is None:
+        if arguments.devices is not None:
+            raise ScenarioError("--devices: needs --config, the configuration that flies")
+        return
+    for setting in arguments.settings:
+        if setting.startswith("flight."):
+            raise ScenarioError(f"--set {setting}: --config is given; set it in {arguments.config}")
+
+
 def call(arguments: argparse.Namespace) -> int:
     """Call the function that a command names, with its options as keywords; return the exit code.
 

@@ -41,6 +41,7 @@ class Imu:
         self.errors = ImuErrors(config, seed)
         self._config, self._history, self._clock = config, history, clock
         self._R_BS = rotation_of(config.q_BS_xyzw)
+        self._gyro_reads = np.linalg.solve(np.array(config.gyro_matrix), np.eye(3)).T
         self.line = SerialLine(
             config.baud_rate,
             config.chunking,
@@ -113,9 +114,10 @@ class Imu:
         per_datagram = stim300.INTERNAL_RATE_HZ // config.rate_hz
         starting = n < config.startup_s * config.rate_hz
         shape = (len(n), 3)
+        rate = angular_rate(gyro_state, self._R_BS)
         force = specific_force(acc_state, config.p_BS_m, self._R_BS, config.acceleration)
         samples = stim300.Measurements(
-            w_NS_S_rad_s=angular_rate(gyro_state, self._R_BS) + errors[:, :3],
+            w_NS_S_rad_s=rate @ self._gyro_reads + errors[:, :3],
             f_NS_S_m_s2=force + errors[:, 3:],
             inclination_g=np.zeros(shape),
             gyro_temperature_degc=np.full(shape, GYRO_DEGC),

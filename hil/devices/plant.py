@@ -67,6 +67,8 @@ class Plant:
         if sensors.joints.torque == "motor_current":
             self._table.measure_at_motors(self.joint_errors.motor_side)
         self._signs = np.array([float(node.sign) for node in self.nodes])
+        self._gains = np.array([node.torque_gain for node in self.nodes])
+        self._offsets_nm = np.array([node.torque_offset_nm for node in self.nodes])
         self._zeros = np.array([node.zero_offset_rad for node in self.nodes])
         is_fd = [node.format == "fd" for node in self.nodes]
         self._is_fd = np.array(is_fd)
@@ -144,7 +146,8 @@ class Plant:
         t_s = np.array([self.clock.second(t) for t in times_ns]) + config.latch_offset_s
         q, qd, tau = self._table.at(t_s)
         measured = np.empty((4, *q.shape))
-        position, measured[2] = self.joint_errors.ahead(q, qd, tau)
+        position, torque = self.joint_errors.ahead(q, qd, tau)
+        measured[2] = torque * self._gains + self._offsets_nm
         measured[0] = position - self._zeros
         measured[1] = qd
         blind = np.flatnonzero(self.joint_errors.speed_only)

@@ -73,6 +73,9 @@ def judge(setup: Setup, case: Case, recorded: Recorded) -> dict[str, Any]:
     outcome |= score(case, recorded.final)
     other = raw_ols(setup, recorded.blocks)
     outcome["ols"] = None if other is None else comparison(case, other)
+    if recorded.exact is not None:
+        exact = {"valid": recorded.exact.valid, "reason": recorded.exact.reason}
+        outcome |= {"exact": comparison(case, recorded.exact) | exact}
     last = recorded.estimates[-1] if recorded.estimates else None
     return outcome | {
         "outputs": outputs(recorded.estimates, scenario.truth),

@@ -194,6 +194,20 @@ def nees_words(outcome: Mapping[str, Any]) -> str:
     )
 
 
+def exact_words(outcome: Mapping[str, Any]) -> list[str]:
+    """Return a line per body: what the same data give if arm, scales and mountings are exact."""
+    exact = outcome.get("exact")
+    if exact is None:
+        return []
+    state = "valid" if exact["valid"] else f"not valid: {exact['reason']}"
+    return [
+        f"{body}, same data, arm, scales and mountings known exactly: "
+        f"{exact['estimate'][body]['mass_kg']:.6g} +- {exact['sigma'][body]['mass_kg']:.3g} kg, "
+        f"NEES {exact['nees']:.1f}, {state}"
+        for body in outcome["unknown"]
+    ]
+
+
 def rows(body: Mapping[str, Any]) -> FloatArray:
     """Return the ten values of a mapping with mass_kg, com_m, inertia_kg_m2."""
     return np.array([body["mass_kg"], *body["com_m"], *body["inertia_kg_m2"]], dtype=np.float64)

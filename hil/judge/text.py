@@ -8,7 +8,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from hil.judge.score import nees_words, table, table_header
+from hil.judge.score import exact_words, nees_words, table, table_header
 
 FULL_WIDTH = 108  # columns of a terminal that holds every column of the table
 LEFT_OUT = ("prior", "bound", "raw OLS")  # columns that a narrower terminal does not show
@@ -25,6 +25,8 @@ def show(outcome: Mapping[str, Any], picture: Path | None, console: Console) -> 
         console.print(f"raw OLS on the same data: {body} mass {100 * bias:+.1f} %")
     state = "valid" if outcome["valid"] else f"not valid: {outcome['reason']}"
     console.print(f"{nees_words(outcome)}; {state}")
+    for line in exact_words(outcome):
+        console.print(line)
     validity = outcome["imu_time_of_validity"]
     if validity:
         console.print(f"IMU time of validity: {1e6 * validity['rms_s']:.1f} us rms after 5 s")

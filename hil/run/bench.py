@@ -32,11 +32,8 @@ from hil.links.virtual import VirtualBench
 from hil.run import live
 from hil.run.collector import Collector
 from hil.run.daemon import Daemon
-from hil.run.flight import (
-    flight_document,
-    write_flight,
-    write_yaml,
-)
+from hil.run.flight import FLIGHT, flight_document, write_flight, write_yaml
+from hil.run.own_flight import exact_result, own_document, own_priors
 from hil.run.plant_document import plant_document
 from hil.run.progress import Meter
 from hil.world.history import TruthHistory
@@ -48,9 +45,11 @@ from hil.world.simulation import simulate_in
 from hil.world.spline import JointSpline
 
 T0_NS = 10_000_000_000  # virtual time of power-on
+RECORDING = "recording.mcap"  # of a run in virtual time
 EDGE_S = 0.1  # truth simulated at rest before and after the motion
 STEP_S = 0.004  # time step of the truth
 METER_PERIOD_S = 0.2
+EXACT = "exact"  # folder of the bench's own configuration beside a user's
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -67,6 +66,7 @@ class Setup:
     spline: JointSpline
     history: TruthHistory
     bus_ports: Mapping[str, int]  # UDP port of each bus that has one
+    exact: Config | None = None  # beside a user's configuration: the bench's own of the same robot
 
     @property
     def total_s(self) -> float:
@@ -90,6 +90,7 @@ class Recorded:
     wall_s: float
     state: State | None  # whole state of the estimator; None: no estimate
     extra: Mapping[str, Any] = field(default_factory=dict)
+    exact: Result | None = None  # of the configuration `exact` on the same data
 
 
 def _motion(key: str, path: Path, robot: Robot) -> JointSpline:
@@ -115,6 +116,7 @@ def prepare(
     overrides: Mapping[str, Any] | None = None,
     telemetry: Mapping[str, Any] | None = None,
     truth: Path | None = None,
+    own: Config | None = None,
 ) -> Setup:
     """Draw the priors, write the flight configuration, simulate the truth.
 
@@ -125,6 +127,8 @@ def prepare(
     ----------
     overrides : keys of the configuration's section `estimator`
     telemetry : the configuration's section `telemetry`; None: the daemon has no link
+    own : the user's configuration, which flies as it is but for links and folders; None: the bench
+        writes one in which arm, scales and mountings are exact
     truth : file with this scenario's truth from `hil.basilisk`; None: the truth is simulated
 
     Raises
@@ -136,14 +140,17 @@ def prepare(
     robot = robot_of(scenario)
     spline = _motion("identification", scenario.identification, robot)
     _motion("verification", scenario.verification, robot)
-    priors = {body: draw_prior(scenario.truth[body], seed, body) for body in scenario.unknown}
+    if own is None:
+        priors = {body: draw_prior(scenario.truth[body], seed, body) for body in scenario.unknown}
+    else:
+        priors = own_priors(own)
     ports = scenario.bus_ports
     if real_time:
         ports = dict(zip(ports, live.free_udp_ports(len(ports)), strict=True))
     speeds = spline.evaluate(np.arange(0.0, spline.duration_s, 0.01))[1]
     fastest_rad_s = float(np.sqrt(np.mean(speeds**2, axis=0)).max())
     jitter_s = float(scenario.flight["sync_jitter_s"]) if real_time else 0.0
-    document = flight_document(
+    exact = flight_document(
         scenario,
         priors,
         robot.joint_names,
@@ -152,11 +159,17 @@ def prepare(
         overrides or {},
         start_rad=spline.evaluate(np.zeros(1))[0][0].tolist(),
         stamp_noise_rad=jitter_s * fastest_rad_s,
-        seed=seed,
+        seed=seed if own is None else None,
     )
+    document = exact
+    if own is not None:
+        document = own_document(own, scenario, folder, ports, overrides or {})
     if telemetry is not None:
-        document["telemetry"] = dict(telemetry)
-    path = write_flight(folder, scenario, priors, document)
+        document["telemetry"] = (document.get("telemetry") or {}) | dict(telemetry)
+    if own is None:
+        path = write_flight(folder, scenario, priors, document)
+    else:
+        path = write_yaml(folder / FLIGHT, document)
     if truth is None:
         history = truth_of(scenario, robot, spline)
     else:
@@ -173,6 +186,7 @@ def prepare(
         spline=spline,
         history=history,
         bus_ports=ports,
+        exact=None if own is None else load(write_flight(folder / EXACT, scenario, priors, exact)),
     )
 
 
@@ -260,8 +274,8 @@ class VirtualRun:
         install(setup.scenario.faults, world, setup.seed, T0_NS)
         self._collector = Collector()
         sink: Sink = self._collector
-        if record:
-            writer = open_recording(setup.config, setup.folder / "recording.mcap")
+        if record or setup.exact is not None:
+            writer = open_recording(setup.config, setup.folder / RECORDING)
             sink = Fanout(self._collector, RecorderSink(writer, lambda _s, _c, _t: None))
         cans = {**world.cans, world.can.bus + SECOND: world.redundant}
         ports = Ports(
@@ -313,6 +327,7 @@ class VirtualRun:
             imu_times=times["imu"],
             wall_s=self._wall_s,
             state=None if final is None else state_of(daemon.estimation.estimator),
+            exact=exact_result(setup.exact, setup.folder / RECORDING, setup.scenario.unknown),
         )
 
 
@@ -366,6 +381,7 @@ def run_live(setup: Setup, meter: Meter) -> Recorded:
         imu_times=outcome.plant["imu"],
         wall_s=outcome.wall_s,
         state=None if replayed.estimate is None else state_of(pipeline.estimator),
+        exact=exact_result(setup.exact, outcome.recordings[-1], scenario.unknown),
         extra={
             "bus": scenario.flight["bus"]["interface"],
             "recording": str(outcome.recordings[-1]),

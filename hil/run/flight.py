@@ -18,7 +18,7 @@ from hil.world.robot import Robot, read_links
 from hil.world.scenario import Scenario, mapping_from
 from hil.world.sensor_config import SensorConfig
 
-URDF = "robot.urdf"
+URDF, FLIGHT = "robot.urdf", "flight.yaml"
 
 
 def flight_document(
@@ -81,7 +81,7 @@ def flight_document(
                 **settings,
                 "port": bus_ports.get(name),
                 "fd": any(joint["format"] == "fd" for joint in joints if joint["bus"] == name),
-                "sync": "producer",
+                "sync": "producer" if sensors.joints.sync_rate_hz is None else "consumer",
                 "sync_counter_max": sensors.joints.sync_counter_max,
                 "latch_offset_s": sensors.joints.latch_offset_s,
             }
@@ -132,8 +132,8 @@ def on_socketcan(scenario: Scenario) -> Scenario:
     """Return the scenario with its buses on vcan0, vcan1, ..., and a redundant bus on the next."""
     bus = {key: value for key, value in scenario.flight["bus"].items() if key != "port"}
     bus |= {"interface": "socketcan", "channel": "vcan0"}
-    several = enumerate(scenario.flight.get("buses") or ())
-    buses = {name: {"channel": f"vcan{k}"} for k, name in several}
+    several = enumerate((scenario.flight.get("buses") or {}).items())
+    buses = {name: own | {"port": None, "channel": f"vcan{k}"} for k, (name, own) in several}
     if bus.get("redundant") is not None:
         second = {key: value for key, value in bus["redundant"].items() if key != "port"}
         bus["redundant"] = second | {"channel": f"vcan{max(1, len(buses))}"}
@@ -153,7 +153,7 @@ def write_flight(
     folder.mkdir(parents=True, exist_ok=True)
     base: FloatArray = priors["base"].report if "base" in priors else scenario.truth["base"]
     (folder / URDF).write_text(replace_base(scenario.urdf, base), encoding="utf-8")
-    return write_yaml(folder / "flight.yaml", document)
+    return write_yaml(folder / FLIGHT, document)
 
 
 def write_yaml(path: Path, document: Mapping[str, Any]) -> Path:

@@ -155,6 +155,8 @@ def _torque(
             "ripple_periods": list(joints.ripple_periods),
         }
     return {
+        "torque_gain": 1.0 / node.torque_gain,
+        "torque_offset_nm": node.torque_offset_nm / node.torque_gain,
         "torque_limit_nm": flight["torque_limit_nm"],
         "torque_noise_nm": torque_noise_nm(joints, node, float(flight["bus"]["rate_hz"])),
         "torque_offset_sigma_nm": joints.torque_offset_sigma_nm,
@@ -191,6 +193,9 @@ def imu_section(sensors: SensorConfig, folder: Path) -> dict[str, Any]:
         "acc_group_delay_s": imu.acc_group_delay_s,
         "angle_random_walk_rad_sqrt_s": _gyro_sigma(imu) / math.sqrt(imu.rate_hz),
         "velocity_random_walk_m_s_sqrt_s": _acc_sigma(imu) / math.sqrt(imu.rate_hz),
+        "gyro_bias_S_rad_s": list(imu.gyro_bias_S_rad_s),
+        "acc_bias_S_m_s2": list(imu.acc_bias_S_m_s2),
+        "gyro_matrix": [list(row) for row in imu.gyro_matrix],
         "mounting_position_sigma_m": 0.0,
         "mounting_angle_sigma_rad": 0.0,
         "gyro_bias_sigma_rad_s": imu.gyro_bias_sigma_rad_s,

@@ -7,6 +7,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from hil.world.inertia import FloatArray
+from hil.world.robot import read_body
 
 _KEYS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
@@ -32,20 +33,12 @@ def change_links(urdf: str, changes: Mapping[str, Callable[[FloatArray], FloatAr
     for link in root.iter("link"):
         inertial = link.find("inertial")
         if inertial is not None and (name := link.get("name", "")) in changes:
-            report = changes[name](_read(inertial))
+            body = read_body(inertial)
+            report = np.array([body.mass_kg, *body.com_m, *body.inertia_kg_m2])
+            report = changes[name](report)
             inertial.clear()
             _write(inertial, report)
     return ElementTree.tostring(root, encoding="unicode")
-
-
-def _read(inertial: ElementTree.Element) -> FloatArray:
-    at = {child.tag: child for child in inertial}
-    turned = [float(x) for x in at["origin"].get("rpy", "0 0 0").split()]
-    if any(turned):
-        raise ValueError("an inertial whose axes are not the link's cannot be changed")
-    place = [float(x) for x in at["origin"].get("xyz", "0 0 0").split()]
-    six = [float(at["inertia"].get(key, "0")) for key in _KEYS]
-    return np.array([float(at["mass"].get("value", "0")), *place, *six])
 
 
 def _write(inertial: ElementTree.Element, report: FloatArray) -> None:

@@ -212,6 +212,7 @@ def read_links(urdf: Path) -> list[Link]:
 
 def _read_link(urdf: Path, element: Element, joint: Element | None) -> Link:
     kind = "fixed" if joint is None else str(joint.get("type"))
+    inertial = element.find("inertial")
     name = "" if joint is None else str(joint.get("name"))
     if kind not in ("revolute", "prismatic", "continuous", "fixed"):
         raise ValueError(f"{urdf}: joint {name!r} is {kind}; must be revolute, prismatic or fixed")
@@ -225,7 +226,7 @@ def _read_link(urdf: Path, element: Element, joint: Element | None) -> Link:
     return Link(
         name=str(element.get("name")),
         parent=_attribute(joint, "parent", "link"),
-        body=_read_body(element.find("inertial")),
+        body=None if inertial is None else read_body(inertial),
         p_PL_P_m=p,
         q_PL_xyzw=tuple(R.as_quat()),
         joint=name,
@@ -238,9 +239,8 @@ def _read_link(urdf: Path, element: Element, joint: Element | None) -> Link:
     )
 
 
-def _read_body(inertial: Element | None) -> Body | None:
-    if inertial is None:
-        return None
+def read_body(inertial: Element) -> Body:
+    """Return the body of an <inertial>, in the axes of its link."""
     com, R = _origin(inertial)
     tensor, mass = inertial.find("inertia"), _attribute(inertial, "mass", "value")
     if tensor is None or mass is None:

@@ -14,6 +14,7 @@ from hil.world.noise import BandLimitedWhiteNoise
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 Chunking = Literal["datagram", "ms1", "random"]
+EYE = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 STRICT = ConfigDict(extra="forbid")
 
 
@@ -36,7 +37,8 @@ def _is_angle(value: object) -> bool:
 class NodeConfig:
     """One joint node and how its raw values relate to the URDF's joint.
 
-    The node reports `sign * (q - zero_offset_rad)` and `sign * torque`. Without a torque sensor
+    The node reports `sign * (q - zero_offset_rad)` and `sign * (torque_gain * torque +
+    torque_offset_nm)`. Without a torque sensor
     the torque is zero and invalid; with a speed encoder the node reports `sign * qd`, no position.
     Of a joint that the URDF calls prismatic these are metres and newtons.
     """
@@ -48,6 +50,8 @@ class NodeConfig:
     sign: Literal[-1, 1] = 1
     zero_offset_rad: float = 0.0
     torque_sensor: bool = True
+    torque_gain: float = 1.0
+    torque_offset_nm: float = 0.0
     encoder: Literal["position", "speed"] = "position"
 
 
@@ -110,6 +114,9 @@ class ImuSensorConfig:
     noise_correlation_s: float = 0.0  # of both; correlation falls by e in this time; 0: white
     gyro_bias_walk_rad_s_sqrt_s: float = 0.0  # rate random walk
     acc_bias_walk_m_s2_sqrt_s: float = 0.0
+    gyro_bias_S_rad_s: Vector3 = (0.0, 0.0, 0.0)  # beside the drawn bias
+    acc_bias_S_m_s2: Vector3 = (0.0, 0.0, 0.0)  # likewise
+    gyro_matrix: tuple[Vector3, Vector3, Vector3] = EYE  # the rate of a reading without bias
     rate_hz: int = 500
     baud_rate: int = 921600
     datagram_id: int = 0xA5

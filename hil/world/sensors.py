@@ -201,7 +201,9 @@ class ImuErrors:
     def __init__(self, config: ImuSensorConfig, seed: int) -> None:
         turn_on = generator(seed, "imu", 0, 1).standard_normal(6)
         self.gyro_bias_rad_s: FloatArray = config.gyro_bias_sigma_rad_s * turn_on[:3]
+        self.gyro_bias_rad_s = self.gyro_bias_rad_s + config.gyro_bias_S_rad_s
         self.acc_bias_m_s2: FloatArray = config.acc_bias_sigma_m_s2 * turn_on[3:]
+        self.acc_bias_m_s2 = self.acc_bias_m_s2 + config.acc_bias_S_m_s2
         root_rate = math.sqrt(config.rate_hz)
         self._sigma = np.repeat(
             [

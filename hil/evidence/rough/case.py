@@ -22,8 +22,9 @@ from hil.evidence.methods.recursion import recursion_row
 from hil.evidence.methods.sensed import condition, declared
 from hil.evidence.mistakes.run import leave_to_the_defaults, samples
 from hil.world.base_urdf import change_links, child_links
+from hil.world.doubts import spread
 from hil.world.friction import JointFriction
-from hil.world.inertia import FloatArray, six_of, symmetric
+from hil.world.inertia import FloatArray
 from hil.world.scenario import mapping_from, report_from
 
 COULOMB_NM = (0.05, 0.5)  # smallest and largest Coulomb friction
@@ -107,20 +108,12 @@ def _drawn_wrong(document: dict[str, Any], urdf: Path, rng: np.random.Generator)
 def drawn_body(report: FloatArray, mass_off: float, rng: np.random.Generator) -> FloatArray:
     """Return the report of a wrong body, whose errors are those that `links_sigma_ratio` declares.
 
-    The pseudo-inertia P = L L^T, mass first, becomes L (1 + S) L^T. S is symmetric and Gaussian;
-    only S[0, 0] is given: the relative error `mass_off` of the mass.
+    The S of `spread` is Gaussian; only S[0, 0] is given: the relative error `mass_off` of the mass.
     """
-    mass, com, central = report[0], report[1:4], symmetric(report[4:])
-    moments = 0.5 * np.trace(central) * np.eye(3) - central + mass * np.outer(com, com)
-    L = np.linalg.cholesky(np.block([[mass, mass * com], [mass * com[:, None], moments]]))
     S = _rms(*LINKS_OFF) * rng.standard_normal((4, 4)) / math.sqrt(2.0)
     S = (S + S.T) / math.sqrt(2.0)
     S[0, 0] = mass_off
-    P = L @ (np.eye(4) + S) @ L.T
-    com = P[0, 1:] / P[0, 0]
-    moments = P[1:, 1:] - P[0, 0] * np.outer(com, com)
-    central = np.trace(moments) * np.eye(3) - moments
-    return np.concatenate([[P[0, 0]], com, six_of(central)])
+    return spread(report, S)
 
 
 def _sized(rng: np.random.Generator, least: float, most: float, count: int) -> FloatArray:
