@@ -54,7 +54,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser().parse_args(argv)
     command: Callable[[argparse.Namespace], int] = arguments.command
     try:
-        if new := getattr(arguments, "new", ""):
+        for new in getattr(arguments, "new", ()):
             refuse_existing(arguments, new)
         return command(arguments)
     except BrokenPipeError:  # the reader closed the pipe
@@ -266,8 +266,10 @@ def _view(arguments: argparse.Namespace) -> int:
 
 
 def _identify(arguments: argparse.Namespace) -> int:
+    from fsw.commands.out_argument import refuse_no_folder, write_result
     from fsw.commands.robot import Robot
 
+    refuse_no_folder(arguments.out, arguments.report)
     method, weighting, unknown = arguments.method, arguments.weighting, arguments.unknown
     given = None if arguments.config is None else Robot(arguments.config)
     from fsw.commands.api import identify, load  # imported late: it can open recordings
@@ -294,6 +296,8 @@ def _identify(arguments: argparse.Namespace) -> int:
             report=arguments.report,
             progress=progress,
         )
+    if arguments.out is not None:
+        write_result(arguments.out, json.dumps(result.values))
     print(json.dumps(result.values) if arguments.json else result)
     return 0 if result.valid and result.passed is not False else FAILED_EXIT
 

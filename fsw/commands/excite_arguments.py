@@ -14,7 +14,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--unknown", choices=("base", "target", "both"))
     parser.add_argument("--limits", type=Path, metavar="YAML", help="the motion's limits")
     out_argument(parser, "YAML", "where the trajectory goes")
-    parser.set_defaults(new="")  # with --evaluate only a picture is written
+    parser.set_defaults(new=())  # with --evaluate only a picture is written
     parser.add_argument(
         "--evaluate", type=Path, metavar="FILE", help="judge a trajectory (YAML) or a recording"
     )

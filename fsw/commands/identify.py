@@ -110,9 +110,7 @@ def identify(
         )
         unscreened = alone and result.estimate is None and values["status"] != "ABORTED"
         if unscreened and not fits_throughout(chosen, collector.blocks, values, *state[0], rows[0]):
-            tell(
-                "single readings do not fit the others: looking for their sensor, to leave them out"
-            )
+            tell("checking single readings of every sensor; those that do not fit are left out")
             collector.blocks = screened(chosen, collector.blocks)
             values = run_batch(chosen, collector.blocks, method, names, progress, keep)
     else:

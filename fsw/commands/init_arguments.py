@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `fsw init`; on a terminal the command asks for missing ones."""
     parser.add_argument("urdf", type=Path, metavar="URDF")
     out_argument(parser, "YAML", "robot.yaml")
-    parser.set_defaults(out=Path("robot.yaml"), new="")  # `init list` writes nothing
+    parser.set_defaults(out=Path("robot.yaml"), new=())  # `init list` writes nothing
     parser.add_argument("--tool", metavar="FRAME", help="link that grasps, fixed to the last one")
     parser.add_argument("--unknown", choices=("base", "target", "both"))
     parser.add_argument(

@@ -44,6 +44,7 @@ def identify_arguments(commands: Commands, command: Command) -> None:
     identify.add_argument(
         "--reference", type=Path, metavar="EMPTY", help="recording without the unknown bodies"
     )
+    out_argument(identify, "JSON", "file of the result, with every figure of --json")
     out_argument(identify, "HTML", "a page of the result, CSV and PNG beside it", "--report")
     identify.add_argument("--json", action="store_true", help="print the result as one JSON object")
     identify.set_defaults(command=command)

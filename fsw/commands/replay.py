@@ -230,7 +230,8 @@ def replay(
     topics = topics_of(config, held.topics)
     _refuse_missing(recording, parts, topics, held)
     _refuse_other_robot(recording, config, held.metadata.get(SAMPLED, {}).get(JOINTS))
-    feed = RecordingFeed(span.pieces(pieces_of(parts, topics)), topics)
+    pieces = list(span.pieces(pieces_of(parts, topics)))
+    feed = RecordingFeed(iter(pieces), topics)
     if feed.exhausted:
         raise ConfigError(f"{recording}: holds no message of its sensors{span.words()}")
     collector, start_ns = _EventCollector(), feed.now_ns
@@ -256,7 +257,7 @@ def replay(
                 traffic.put(message)
         if feed.now_ns >= said_ns + PROGRESS_NS:
             said_ns += (feed.now_ns - said_ns) // PROGRESS_NS * PROGRESS_NS
-            progress(f"{(said_ns - start_ns) // 10**9} s replayed")
+            progress(_replayed(said_ns, start_ns, pieces[-1][0].start_ns))
     if end_ns is not None:
         feed.now_ns = max(feed.now_ns, end_ns)
         estimation.put(BatchEnd(now_ns=feed.now_ns))
@@ -278,6 +279,14 @@ def replay(
         start_ns=start_ns,
         duration_s=(feed.now_ns - start_ns) * 1e-9,
     )
+
+
+def _replayed(now_ns: int, start_ns: int, last_ns: int) -> str:
+    """Return words on what is done; `last_ns` is the start of the last piece of the recording."""
+    words = f"{(now_ns - start_ns) // 10**9} s replayed"
+    if last_ns <= start_ns:  # a file that is cut off is one piece
+        return words
+    return f"{words} ({min(1.0, (now_ns - start_ns) / (last_ns - start_ns)):.0%})"
 
 
 def unused_of(recording: Path, config: Config) -> list[str]:

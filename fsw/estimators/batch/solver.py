@@ -146,9 +146,11 @@ def _damped(
             break
         gained, before = cost - trial_cost, x
         theta, x, stacked, b, cost = trial_theta, trial, trial_stacked, trial_b, trial_cost
-        if progress is not None and not progress(
-            min(1.0, iterations / 10), f"iteration {iterations}: step {moved:.2g} sigma"
-        ):
+        words = (
+            f"solving, pass {iterations} of at most {max_iterations}: the estimate still moves by "
+        )
+        words += f"{moved:.2g} of its uncertainty"
+        if progress is not None and not progress(iterations / max_iterations, words):
             status = "ABORTED"
             break
         # a step that is cut short and gains nothing: the least cost is infinitely far away

@@ -36,6 +36,24 @@ def test_what_is_there_is_not_overwritten(name, arm, tmp_path, capsys):
     assert "--force overwrites" not in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        ("--out there --report new.html", "there exists; --force overwrites it"),
+        ("--out no/result.json", "the folder no is missing; create it first"),
+        ("--report no/page.html", "the folder no is missing; create it first"),
+        ("--out page --report page", "page: named by two options"),
+    ],
+)
+def test_outputs_of_identify_are_judged_before_it_works(
+    words, reason, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "there").write_text("kept")
+    assert main(["identify", "x.mcap", *words.split()]) == 2
+    assert reason in capsys.readouterr().err
+
+
 def test_a_flight_is_not_overwritten(tmp_path, capsys):
     (tmp_path / "result.json").touch()
     assert hil.__main__.main(["run", "target_leo", "--out", str(tmp_path)]) == 2

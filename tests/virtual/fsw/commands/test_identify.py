@@ -1,8 +1,12 @@
 """`fsw identify` without a recursion beside it."""
 
+import json
+import re
+
 import numpy as np
 import pytest
 
+from fsw.__main__ import main
 from fsw.commands.identify import identify
 from fsw.config import load
 from fsw.estimators.batch import run
@@ -33,3 +37,27 @@ def test_a_warm_start_from_some_blocks_ends_at_the_same_estimate(
     root = np.linalg.cholesky(every["covariance"])
     off = np.linalg.solve(root, np.subtract(some["mean"], every["mean"]))
     assert 0.0 < np.abs(off).max() < 1e-6
+
+
+def test_one_run_prints_and_writes_and_says_what_share_is_done(flown, tmp_path, capsys):
+    out, page = tmp_path / "result.json", tmp_path / "page.html"
+    words = [str(flown / "recording.mcap"), "--config", str(flown / "flight.yaml")]
+    code = main(["identify", *words, "--out", str(out), "--report", str(page), "--method", "mrnea"])
+    printed = capsys.readouterr()
+    result = json.loads(out.read_text())
+    assert code == (0 if result["status"] == "OK" else 1)
+    assert f"target.mass_kg: {result['estimate']['target']['mass_kg']:.6g}" in printed.out
+    assert page.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+    assert re.search(r"10 s replayed \(\d+%\)", printed.err)
+    assert "iteration" not in printed.err
+    assert not list(tmp_path.glob("*.unfinished"))
+
+
+def test_a_result_that_cannot_be_written_is_one_line(flown, tmp_path, capsys):
+    (out := tmp_path / "result.json.unfinished").symlink_to("/dev/full")
+    words = [str(flown / "recording.mcap"), "--config", str(flown / "flight.yaml"), "--to", "8"]
+    argument = str(out.with_suffix(""))
+    assert main(["identify", *words, "--method", "mrnea", "--out", argument]) == 2
+    (*_, line) = capsys.readouterr().err.splitlines()
+    assert "result.json cannot be written: No space left on device" in line
+    assert not list(tmp_path.iterdir())
