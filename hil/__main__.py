@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING
 
 from hil.basilisk import command as vs_basilisk
 from hil.evidence import commands as evidence
-from hil.examples import EXAMPLES, STUDIES
-from hil.options import add_own, call, count, count_or_none, require_own, seed
+from hil.examples import EXAMPLES
+from hil.options import add_own, call, count, require_own, seed
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -95,30 +95,10 @@ def parser() -> argparse.ArgumentParser:
     _add_settings(seeds)
     add_own(seeds)
     seeds.set_defaults(command=_seeds)
-    faults = commands.add_parser("faults", help="every fault in a run of its own, against bounds")
-    faults.add_argument(
-        "--only", action="append", default=[], metavar="NAME", help="this fault; may be repeated"
-    )
-    faults.add_argument(
-        "--lane",
-        dest="lanes",
-        action="append",
-        default=[],
-        choices=("virtual", "machine", "socketcan", "disk"),
-        help="in virtual time, of the machine, on a real bus; may be repeated; all of these. disk: "
-        "alone, 200 bad disks",
-    )
-    faults.add_argument("--seed", type=seed, default=1, metavar="N", help="fixes every bit, 1")
-    faults.add_argument("--jobs", type=count, default=2, metavar="N", help="processes, 2")
-    faults.add_argument("--short", action="store_true", help="the selection that the tests run")
-    faults.add_argument("--json", action="store_true", dest="as_json", help="print one JSON object")
-    faults.add_argument("--out", type=Path, metavar="DIR", help="keep outcomes and resume")
-    faults.set_defaults(function="hil.evidence.fault_matrix.command:run")
     commands.add_parser("list", help="list the scenarios").set_defaults(command=_list)
-    _study_parser(commands)
-    _campaign_parser(commands)
+    study = commands.add_parser("study", help="studies over many seeds")
     _vcan_parser(commands)
-    evidence.add_parsers(commands)
+    evidence.add_parsers(commands, study.add_subparsers(required=True, metavar="STUDY"))
     vs_basilisk.add_parser(commands)
     for name, example in EXAMPLES.items():
         commands.choices[name].epilog = f"example: {example}"
@@ -156,68 +136,6 @@ def _vcan_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
     vcan.add_argument("--on", choices=("auto", "kernel", "uml"), default="auto", dest="where")
     vcan.add_argument("argv", nargs="+", metavar="COMMAND", help="and its arguments, after --")
     vcan.set_defaults(function="hil.vcan.command:run")
-
-
-def _study_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the studies; the modules of a study are imported when it is run."""
-    study = commands.add_parser("study", help="studies over many seeds")
-    kinds = study.add_subparsers(required=True, metavar="STUDY")
-    methods = kinds.add_parser(
-        "methods", help="every identification method against the Cramer-Rao bound"
-    )
-    methods.add_argument("--quick", action="store_true", help="few seeds of one case")
-    methods.add_argument(
-        "--out", type=Path, metavar="DIR", help="keep results and resume from them"
-    )
-    methods.add_argument("--seeds", type=count, metavar="N", help="of the sample level, 200")
-    methods.add_argument(
-        "--device-seeds", type=count_or_none, metavar="N", help="of the device bytes, 30"
-    )
-    methods.add_argument("--jobs", type=count, default=2, metavar="N", help="processes, 2")
-    methods.add_argument(
-        "--redo", action="append", default=[], metavar="METHOD", help="drop its stored results"
-    )
-    methods.add_argument(
-        "--report",
-        action="store_true",
-        dest="report_only",
-        help="run nothing, judge what is stored",
-    )
-    methods.set_defaults(function="hil.evidence.methods.command:methods")
-    paper = kinds.add_parser("paper", help="the paper's tables and figure, and the fused estimator")
-    paper.add_argument("--quick", action="store_true", help="one seed, 100 Hz, no device bytes")
-    paper.add_argument("--out", type=Path, metavar="DIR", help="keep results and resume from them")
-    paper.add_argument("--seeds", type=count, metavar="N", help="per cell of Tables 4-7, 20")
-    paper.add_argument(
-        "--device-seeds", type=count_or_none, metavar="N", help="of the device bytes, 20"
-    )
-    paper.set_defaults(function="hil.evidence.paper.command:paper")
-    energy = kinds.add_parser("trivial-energy", help="why CE as printed has a trivial solution")
-    energy.set_defaults(function="hil.evidence.methods.command:energy")
-    modes = kinds.add_parser("modes", help="sigma over the bound, of panels and liquid")
-    modes.add_argument("scenario", metavar="SCENARIO", help="with panels or liquid, declared")
-    modes.add_argument(
-        "--runs", type=Path, required=True, metavar="DIR", help="of `hil seeds SCENARIO --out DIR`"
-    )
-    modes.set_defaults(function="hil.evidence.modes_bound:study")
-    effects = kinds.add_parser(
-        "effects", help="wheels, thrusters, panel, liquid, contact, arms: from samples"
-    )
-    effects.add_argument("scenarios", nargs="*", metavar="SCENARIO", help="every servicer's")
-    evidence.add_seeds(effects, 50, "list")
-    effects.set_defaults(command=evidence.study_effects)
-    for name, example in STUDIES.items():
-        kinds.choices[name].epilog = f"example: {example}"
-
-
-def _campaign_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command `campaign`."""
-    campaign = commands.add_parser("campaign", help="Monte Carlo over what a YAML file names")
-    campaign.add_argument("path", type=Path, metavar="CAMPAIGN.yaml")
-    campaign.add_argument("--out", type=Path, metavar="DIR", help="results; resumed if there")
-    campaign.add_argument("--workers", type=count, default=2, metavar="N", help="processes, 2")
-    campaign.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask cluster, instead")
-    campaign.set_defaults(function="hil.evidence.campaign.command:campaign")
 
 
 def _list(_arguments: argparse.Namespace) -> int:

@@ -63,6 +63,17 @@ def require_own(arguments: argparse.Namespace) -> None:
             raise ScenarioError(f"--set {setting}: --config is given; set it in {arguments.config}")
 
 
+def add_seeds(parser: argparse.ArgumentParser, number: int, printed: str) -> None:
+    """Add the options of evidence over seeds; `printed` names the JSON type in the help text."""
+    parser.add_argument("--first", type=seed, default=0, metavar="K", help="first seed, 0")
+    parser.add_argument("--count", type=count, default=number, metavar="N", help=f"seeds, {number}")
+    parser.add_argument("--jobs", type=count, default=1, metavar="N", help="processes, 1")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="keep what was found and resume")
+    parser.add_argument(
+        "--json", action="store_true", dest="as_json", help=f"print one JSON {printed}"
+    )
+
+
 def call(arguments: argparse.Namespace) -> int:
     """Call the function that a command names, with its options as keywords; return the exit code.
 

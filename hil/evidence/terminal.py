@@ -1,8 +1,11 @@
 """Tables of evidence on the terminal."""
 
-from collections.abc import Iterable, Sequence
+import json
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
 
 from rich.console import Console
+from rich.progress import Progress
 from rich.table import Table
 
 WRONG = "wrong: seeds with any output that was valid and beyond 5 sigma"
@@ -18,3 +21,20 @@ def print_table(
     console = Console(markup=False)  # units stand in brackets
     console.width = max(console.width, width)
     console.print(table, *notes, sep="\n")
+
+
+def bar() -> Progress:
+    """Return a progress bar on stderr."""
+    return Progress(console=Console(stderr=True))
+
+
+Rows = Sequence[dict[str, Any]]
+
+
+def judged(rows: Rows, show: Callable[[Rows], None], *, as_json: bool) -> int:
+    """Print the rows; return the exit code, 0 if every row passed."""
+    if as_json:
+        print(json.dumps(rows))
+    else:
+        show(rows)
+    return 0 if all(row["passed"] for row in rows) else 1

@@ -58,7 +58,7 @@ def run(
     rows = runner.rows("alarms", work, cases, store, jobs)
     found = summary(rows)
     if as_json:
-        print(json.dumps(found))  # noqa: T201
+        print(json.dumps(found))
     else:
         show(found)
     return int(any(line["beyond"] for line in found["checks"].values()))
@@ -123,4 +123,4 @@ def show(found: Mapping[str, Any]) -> None:
         NOTE,
     )
     for flight in found["failed"]:
-        print(json.dumps(flight))  # noqa: T201
+        print(json.dumps(flight))

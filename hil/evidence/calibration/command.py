@@ -1,5 +1,6 @@
 """`hil calibration`: run many seeds of every scenario and summarise the errors of the figures."""
 
+import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -81,3 +82,15 @@ def _line(row: Mapping[str, Any]) -> list[str]:
         *("" if number is None else f"{number:.3g}" for number in numbers),
         str(row["beyond"]),
     ]
+
+
+def run(
+    *, scenario: Sequence[str], first: int, count: int, jobs: int, out: Path | None, as_json: bool
+) -> int:
+    """Print the summary; return the exit code, 1 if a figure is beyond its bound."""
+    rows = calibration(scenario, range(first, first + count), jobs, out)
+    if as_json:
+        print(json.dumps(rows))
+    else:
+        show(rows, count)
+    return int(any(row["beyond"] for row in rows))

@@ -17,7 +17,7 @@ from hil.evidence import runner
 from hil.evidence.effects.case import Case, work
 from hil.evidence.methods.statistics import ratio
 from hil.evidence.store import Row, Store
-from hil.evidence.terminal import WRONG, print_table
+from hil.evidence.terminal import WRONG, judged, print_table
 from hil.judge import chi_square
 
 SCENARIOS = (
@@ -113,3 +113,11 @@ def _line(row: dict[str, Any]) -> list[str]:
         ", ".join(f"{body} {a:+.3g}, {b:.3g}, {c:.3g}" for body, (a, b, c) in masses),
         "ok" if row["passed"] else "FAILED",
     ]
+
+
+def run(
+    *, scenarios: Sequence[str], first: int, count: int, jobs: int, out: Path | None, as_json: bool
+) -> int:
+    """Print the summary; return the exit code, 0 if every row passed."""
+    rows = effects(scenarios, range(first, first + count), jobs, out)
+    return judged(rows, show, as_json=as_json)

@@ -9,7 +9,7 @@ import numpy as np
 from hil.evidence import runner
 from hil.evidence.imported.case import MOTIONS, SENSORS, Case, work
 from hil.evidence.store import Store
-from hil.evidence.terminal import WRONG, print_table
+from hil.evidence.terminal import WRONG, judged, print_table
 from hil.judge import chi_square
 
 DOF = 4  # mass and first moments: poses show nothing of the inertia
@@ -77,3 +77,11 @@ def show(rows: Sequence[Mapping[str, Any]]) -> None:
         for row in rows
     ]
     print_table("a bench arm that holds 5 kg, from tables", TITLES, lines, 110, WRONG)
+
+
+def run(
+    *, motion: Sequence[str], first: int, count: int, jobs: int, out: Path | None, as_json: bool
+) -> int:
+    """Print the summary; return the exit code, 0 if every row passed."""
+    rows = imported(motion, range(first, first + count), jobs, out)
+    return judged(rows, show, as_json=as_json)

@@ -9,24 +9,28 @@ KINDS = ("gain", "zero", "drift", "delay")
 EXACT, DEFAULT = "exact", "default"  # doubts of the sensors
 
 
-def add_parser(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Add the command."""
-    lies = commands.add_parser("lies", help="sensors that lie slowly: valid and wrong?")
-    lies.add_argument(
+COMMAND = "lies"
+HELP = "sensors that lie slowly: valid and wrong?"
+EXAMPLE = "hil lies --only exact --every 10 --out runs/lies"
+FUNCTION = "hil.evidence.lies.command:run"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's options."""
+    parser.add_argument(
         "--only",
         action="append",
         default=[],
         choices=(*SENSORS, *KINDS, EXACT, DEFAULT),
         help="lies of this sensor, kind or doubt; may be repeated",
     )
-    lies.add_argument(
+    parser.add_argument(
         "--every", type=count, default=1, metavar="N", help="one of N lies, evenly chosen; all 200"
     )
-    lies.add_argument(
+    parser.add_argument(
         "--seed",
         type=seed,
         metavar="K",
         help="for development, below 1000; default: drawn from the commit's hash",
     )
-    add_resumable(lies, "lies")
-    lies.set_defaults(function="hil.evidence.lies.command:run")
+    add_resumable(parser, "lies")

@@ -43,7 +43,7 @@ def run(
     rows = runner.rows("lies", work, chosen, store, jobs)
     found = summary(rows)
     if as_json:
-        print(json.dumps(found))  # noqa: T201
+        print(json.dumps(found))
     else:
         show(found)
     return int(not found["passed"])
@@ -137,7 +137,7 @@ def show(found: Mapping[str, Any]) -> None:
         "{refused} refused by a false alarm, {wrong} wrong".format(**found["clean"]),
     )
     for row in found["missed"]:
-        print(  # noqa: T201
+        print(
             f"{row['doubts']} {row['scenario']} seed {row['seed']}: {row['lie']}: {row['wrong']} "
             f"of {row['valid']} wrong, worst {row['worst']:.1f} sigma"
         )

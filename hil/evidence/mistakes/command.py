@@ -1,6 +1,8 @@
 """`hil mistakes`: run every mistake with target, base or both unknown; report a line for each."""
 
+import json
 from collections.abc import Iterator, Sequence
+from dataclasses import asdict
 
 from hil.evidence.mistakes.run import Finding, run
 from hil.evidence.mistakes.table import NONE, mistakes
@@ -79,3 +81,24 @@ def line(found: Finding) -> str:
         f"{found.mass_z:6.1f} of +-{found.mass_sigma:.2%}; {found.outputs} valid, {found.wrong} "
         f"wrong; batch {found.batch} {found.batch_z:.1f}{recorded} {mark}"
     ).rstrip()
+
+
+def run_all(
+    *,
+    case: Sequence[str],
+    only: Sequence[str],
+    seed: int,
+    exact: bool,
+    robot: str,
+    recording: bool,
+    as_json: bool,
+) -> int:
+    """Print a line for each mistake and the summary; return the exit code, 0 if it passed."""
+    found = []
+    for one in findings(case, only, seed, exact=exact, robot=robot, recording=recording):
+        found.append(one)
+        if not as_json:
+            print(line(one), flush=True)
+    text, passed = summary(found)
+    print(json.dumps([asdict(one) for one in found]) if as_json else text)
+    return 0 if passed else 1

@@ -10,7 +10,7 @@ from hil.evidence import runner
 from hil.evidence.mistakes.command import CASES
 from hil.evidence.rough.case import IDEAL, ROUGH, Case, work
 from hil.evidence.store import Row, Store
-from hil.evidence.terminal import WRONG, print_table
+from hil.evidence.terminal import WRONG, judged, print_table
 from hil.judge import chi_square
 
 KINDS = (*ROUGH, *IDEAL)
@@ -90,3 +90,18 @@ def _line(row: Mapping[str, Any]) -> list[str]:
         ", ".join(f"{body} {error:.3g} +- {sigma:.3g}" for body, (error, sigma) in masses),
         "ok" if row["passed"] else "FAILED",
     ]
+
+
+def run(
+    *,
+    case: Sequence[str],
+    told: Sequence[str],
+    first: int,
+    count: int,
+    jobs: int,
+    out: Path | None,
+    as_json: bool,
+) -> int:
+    """Print the summary; return the exit code, 0 if every row passed."""
+    rows = rough(case, told, range(first, first + count), jobs, out)
+    return judged(rows, show, as_json=as_json)

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.evidence.modes_bound import STEPS, _pairs, information, study
+from hil.evidence.modes.command import STEPS, _pairs, information, study
 from hil.world.scenario import ScenarioError, load
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from fsw.errors import EstimatorError
 from fsw.estimators.batch.run import run_batch
-from hil.evidence.differential import case, differential, lines
+from hil.evidence.differential.command import case, differential, lines
 
 
 def test_a_reference_halves_the_error_of_the_mass_and_stays_honest(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ Both runs have the same motion; the reference run has no target. Links are wrong
 joints have friction, and both are declared. The batch identifies the target without or with it.
 """
 
+import json
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -196,3 +197,10 @@ def lines(found: Mapping[str, Any]) -> str:
         f"{most:.3f}], {found['seeds']} seeds; at most {HALF}: {verdict}"
     )
     return "\n".join(text)
+
+
+def run(*, first: int, count: int, jobs: int, out: Path | None, as_json: bool) -> int:
+    """Print the summary; return the exit code, 0 if the error is halved."""
+    found = differential(range(first, first + count), jobs, out)
+    print(json.dumps(found) if as_json else lines(found))
+    return 0 if found["passed"] else 1

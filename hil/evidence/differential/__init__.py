@@ -1,0 +1,1 @@
+"""Evidence: the same motion with and without the target halves the error."""

@@ -1,0 +1,28 @@
+"""`hil kills`: run the campaign, and print what was lost or late."""
+
+import json
+from pathlib import Path
+
+from hil.evidence.kills.campaign import run as kills
+from hil.evidence.kills.campaign import summary
+from hil.evidence.terminal import bar
+from hil.run.live import LiveError
+
+
+def run(*, count: int, seed: int, out: Path) -> int:
+    """Print the faults and the summary; return the exit code, 1 if anything was lost or late."""
+    folder, failed = out.absolute(), False
+    with bar() as progress:
+        task = progress.add_task("kills", total=count)
+        for kill in kills(count, folder, seed):
+            if isinstance(kill, LiveError):
+                progress.console.print(str(kill), markup=False)
+                failed = True
+                continue
+            progress.advance(task)
+            for fault in (*kill.faults, *kill.late):
+                text = f"round {kill.round} kill {kill.number} ({kill.victim}): {fault}"
+                progress.console.print(text, markup=False)
+    result = summary(folder, seed)
+    print(json.dumps(result))
+    return int(bool(failed or result["faults"] or result["late"]))

@@ -1,0 +1,1 @@
+"""Study: why the energy method as printed has a trivial solution."""
