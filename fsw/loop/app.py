@@ -123,8 +123,8 @@ def run_live(config: Config, *, cold: bool = False) -> int:
 
     def each_second() -> None:
         realtime.collect_young()
-        for text in guard.faults():
-            sink.put(Event(clock.now_ns(), "high", "STATE_TAKEN", text))
+        for code, text in guard.faults():
+            sink.put(Event(clock.now_ns(), "high", code, text))
         if processes.watch():
             notifier.send("WATCHDOG=1")
 

@@ -16,6 +16,7 @@ from fsw.exchange.status import STATUS_NAME
 from fsw.loop.processes import LOCK_NAME
 
 PERIOD_S = 1.0
+Fault = tuple[str, str]  # code and text of an event
 STDERR = 2
 OTHERS = 0o007  # permissions of those who are neither owner nor in the group
 
@@ -30,13 +31,14 @@ class StateGuard:
 
     def __init__(self, directory: Path, descriptor: int) -> None:
         self._directory, self._descriptor = directory, descriptor
-        self._found: deque[str] = deque()
-        self._is_taken = False
+        self._found: deque[Fault] = deque()
+        self._last: Fault | None = None  # of the last look
+        self._reported: Fault | None = None
         self._ended = Event()
         Thread(target=self._watch, name="state-guard", daemon=True).start()
 
-    def faults(self) -> list[str]:
-        """Return the faults found since the last call."""
+    def faults(self) -> list[Fault]:
+        """Return code and text of the faults found since the last call."""
         return [self._found.popleft() for _ in range(len(self._found))]
 
     def say(self, line: str, status: Mapping[str, object]) -> None:
@@ -48,18 +50,24 @@ class StateGuard:
         self._ended.set()
 
     def look(self) -> None:
-        """Check once that the lock is that of the file in the directory; if not, take it again."""
+        """Check once that the lock is that of the file in the directory; if not, take it again.
+
+        A fault is one that the next look finds too: the directory may just be being removed.
+        """
+        fault: Fault | None = None
         try:
             self._directory.mkdir(parents=True, exist_ok=True)
             self._descriptor = keep_lock(self._directory / LOCK_NAME, self._descriptor)
         except TimeoutError:
-            if not self._is_taken:
-                self._found.append(f"{self._directory}: another daemon has taken it")
-            self._is_taken = True
-        except OSError:
-            return  # the next look tries again; the service reports the directory
-        else:
-            self._is_taken = False
+            fault = "STATE_TAKEN", f"{self._directory}: another daemon has taken it"
+        except OSError as error:
+            fault = "STATE_REMOVED", f"{self._directory}: {error.strerror or error}"
+        if fault is None:
+            self._reported = None
+        elif fault == self._last != self._reported:
+            self._reported = fault
+            self._found.append(fault)
+        self._last = fault
 
     def _watch(self) -> None:
         while not self._ended.wait(PERIOD_S):

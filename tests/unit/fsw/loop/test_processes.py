@@ -128,6 +128,25 @@ def test_the_lock_of_a_removed_state_directory_is_taken_again(tmp_path):
     guard.close()
 
 
+def test_a_state_directory_that_cannot_be_made_again_is_reported_once_each_time(tmp_path):
+    state = tmp_path / "state"
+    guard = StateGuard(state, lock_state(state, MonotonicClock()))
+    for _ in range(2):
+        (state / "loop.lock").unlink()
+        state.rmdir()
+        state.write_text("a file in its place")
+        for _ in range(4):
+            guard.look()
+        ((code, text),) = guard.faults()
+        assert code == "STATE_REMOVED"
+        assert text.startswith(f"{state}: ")
+        state.unlink()
+        guard.look()
+        assert (state / "loop.lock").exists()
+    assert guard.faults() == []
+    guard.close()
+
+
 @pytest.mark.parametrize("umask", [0, 0o022, 0o077])
 def test_what_is_written_is_closed_to_others(tmp_path, umask):
 
