@@ -32,7 +32,7 @@ from fsw.exchange.sinks import (
     StatusReport,
 )
 from fsw.messages import Block, Estimate, Event, Snapshot
-from fsw.messages.commands import Code, Command, Reply
+from fsw.messages.commands import Code, Command, CommandName, Reply
 from fsw.service.batch_jobs import BatchJobs
 from fsw.service.block_log import BlockLog
 from fsw.service.checkpoint_keeper import CheckpointKeeper
@@ -42,6 +42,7 @@ from fsw.service.disk_sync import DiskSync
 from fsw.service.inbox import Inbox
 from fsw.service.recorder import CHECKPOINT, event_values
 from fsw.service.recorder_switch import RecorderSwitch
+from fsw.service.start_check import check_start
 from fsw.service.status_file import StatusFile
 from fsw.service.turn import LOCK_NAME, take_turn
 from fsw.telemetry.ports import Host
@@ -313,6 +314,8 @@ class Service:
         """Execute a batch command here, pass any other to the loop; return False: ring full."""
         name, number = str(command.name), command.id
         try:
+            if command.name is CommandName.RESTART:
+                check_start(self._config)
             passed = self._jobs.carry_out(command)
         except CommandError as error:
             code = Code(error.code)
