@@ -15,6 +15,7 @@ from fsw.checks.robot import inertia_warnings, load_problem
 from fsw.checks.windows import lag_faults, mode_warnings, window_faults
 from fsw.config import BusConfig, Config
 from fsw.config.devices import SAMPLES, minute_walk
+from fsw.config.keys import read_key
 from fsw.config.telemetry import BUS_SLOTS, JOINT_SLOTS
 from fsw.drivers.codecs.stim300 import GYRO_WIRE_RAD_S
 from fsw.errors import ConfigError
@@ -49,6 +50,7 @@ def validate(config: Config) -> tuple[Problem, list[str]]:
         *lag_faults(config),
         *_bus_faults(config),
         *_serial_faults(config),
+        *_key_faults(config),
     ]
     problem: Problem | None = None
     try:
@@ -96,7 +98,7 @@ def _warnings(config: Config) -> list[str]:
                 f"buses.{i}.rate_hz: {bus.rate_hz:g} loads {bus.name!r} to {load:.0%} "
                 f"{_bitrate_words(bus)}; above {HIGH_LOAD:.0%} late frames must be expected"
             )
-        if all(node.bus != bus.name for node in config.can_nodes):
+        if bus.feed is None and all(n.bus != bus.name for n in (*config.joints, *config.can_nodes)):
             found.append(f"buses.{i}.name: no joint uses the bus {bus.name!r}")
     found += _noise_warnings(config)
     longest = budget.imu_load(config.imu)[1]
@@ -174,12 +176,18 @@ def validate_ports(config: Config) -> None:
     ------
     ConfigError with one line per fault.
     """
-    sampled = [f"buses.{i}.interface" for i, b in enumerate(config.buses) if b.interface == SAMPLES]
+    sampled = [
+        f"buses.{i}.interface"
+        for i, bus in enumerate(config.buses)
+        if bus.interface == SAMPLES and bus.feed is None
+    ]
     sampled += [f"wheels.{i}.bus" for i, wheel in enumerate(config.wheels) if wheel.bus is None]
     sampled += [f"wrench_sensors.{i}" for i in range(len(config.wrench_sensors))]
-    sampled += ["imu.driver"] if config.imu.driver == SAMPLES else []
+    for key, own in (("imu", config.imu), ("star_tracker", config.star_tracker)):
+        if own is not None and own.driver == SAMPLES and own.bus is None:
+            sampled.append(f"{key}.driver")
     if sampled:
-        words = "samples is no device; only recordings of fsw import have them"
+        words = "samples is no device without a feed; only recordings of fsw import have them"
         raise ConfigError("\n".join(f"{config.name}: {key}: {words}" for key in sampled))
     if faults := config.missing_ports():
         lines = [f"{config.name}: {key}: missing; only a replay works without" for key in faults]
@@ -188,9 +196,7 @@ def validate_ports(config: Config) -> None:
 
 def missing_devices(config: Config) -> list[str]:
     """Return a line for each port that is not configured, or cannot be used now; open none."""
-    ports = {"imu.port": config.imu.port} if config.imu.present else {}
-    if config.star_tracker is not None:
-        ports["star_tracker.port"] = config.star_tracker.port
+    ports = config.line_ports
     absent = config.missing_ports()
     paths = {
         key: Path(config.device(port))
@@ -209,6 +215,12 @@ def missing_devices(config: Config) -> list[str]:
             f"buses.{i}.channel: {words}"
             for i, bus in enumerate(config.buses)
             if bus.interface == "socketcan" and (words := _link_fault(bus))
+        ),
+        *(
+            f"buses.{i}.channel: {place.parent} does not exist now"
+            for i, bus in enumerate(config.buses)
+            if bus.feed is not None and bus.channel is not None
+            if isinstance(place := config.feed_place(bus), Path) and not place.parent.is_dir()
         ),
     ]
 
@@ -274,7 +286,7 @@ def _serial_faults(config: Config) -> list[str]:
         delay_s = getattr(imu, key)
         if delay_s > MAX_GROUP_DELAY_S:
             faults.append(f"imu.{key}: {delay_s:g} must be at most {MAX_GROUP_DELAY_S:g} (seconds)")
-    if tracker is not None:
+    if tracker is not None and tracker.driver != SAMPLES:
         load = budget.star_tracker_load(tracker)
         if load > FULL_LOAD:
             faults.append(
@@ -288,6 +300,18 @@ def _serial_faults(config: Config) -> list[str]:
                 f"star_tracker.port: {tracker.port} is the same device as imu.port {imu.port}; a "
                 "port serves one device only"
             )
+    return faults
+
+
+def _key_faults(config: Config) -> list[str]:
+    """Return a line for each key of a feed that cannot be read."""
+    faults = []
+    for i, bus in enumerate(config.buses):
+        if bus.feed is not None and bus.feed.key_file is not None:
+            try:
+                read_key(config.resolve(bus.feed.key_file))
+            except ConfigError as error:
+                faults.append(f"buses.{i}.feed.key_file: {error}")
     return faults
 
 

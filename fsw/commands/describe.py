@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from fsw.checks import budget
-from fsw.config import BaseConfig, BodyConfig, Config
+from fsw.config import BaseConfig, BodyConfig, BusConfig, Config
 from fsw.config.devices import minute_walk
 from fsw.estimators.model.inertia import PARAMETERS
 from fsw.estimators.model.modes import modal_inertia
@@ -150,6 +150,9 @@ def _modes(config: Config) -> list[str]:
 def _buses(config: Config) -> list[str]:
     lines = []
     for bus in config.buses:
+        if bus.feed is not None:
+            lines += _feed(config, bus)
+            continue
         nodes = [f"0x{k.node_id:02x} {k.name}" for k in config.can_nodes if k.bus == bus.name]
         load = budget.bus_load(bus, config.joints, (*config.wheels, *config.thrusters))
         assumed = "" if bus.bitrate else f" at an assumed {budget.ASSUMED_BITRATE} bit/s"
@@ -162,11 +165,28 @@ def _buses(config: Config) -> list[str]:
     return lines
 
 
+def _feed(config: Config, bus: BusConfig) -> list[str]:
+    """Return lines on a live feed: where from, whose clock, whether with a key, and the order."""
+    feed = bus.feed
+    if feed is None:
+        return []
+    place = bus.channel if bus.port is None else f"UDP {bus.channel}:{bus.port}"
+    key = "with a key" if feed.key_file else "without a key"
+    names = [joint.name for joint in config.joints if joint.bus == bus.name]
+    return [
+        f"{bus.name}: feed of source {feed.source} at {place}, {bus.rate_hz:g} Hz, clock "
+        f"{feed.clock}, {key}; topic /serial/{bus.name}",
+        f"  joints in order {', '.join(names) or 'none'}",
+    ]
+
+
 def _serial(config: Config) -> list[str]:
     imu, tracker = config.imu, config.star_tracker
     shortest, longest = budget.imu_load(imu)
     lines = ["no inertial unit"]
-    if imu.present:
+    if imu.present and imu.bus is not None:
+        lines = [f"imu: on feed {imu.bus}, {imu.rate_hz:g} Hz"]
+    elif imu.present:
         delays = f"gyro {imu.gyro_group_delay_s * 1e3:g} ms, accelerometer "
         lines = [
             f"imu: {imu.driver} on {imu.port}, {imu.baud_rate} bit/s, {imu.rate_hz:g} Hz; line "
@@ -175,6 +195,8 @@ def _serial(config: Config) -> list[str]:
         ]
     if tracker is None:
         lines.append("star_tracker: none")
+    elif tracker.bus is not None:
+        lines.append(f"star_tracker: on feed {tracker.bus}, {tracker.rate_hz:g} Hz")
     else:
         lines.append(
             f"star_tracker: {tracker.driver} on {tracker.port}, {tracker.baud_rate} bit/s, "

@@ -299,17 +299,21 @@ def unused_of(recording: Path, config: Config) -> list[str]:
 
 def topics_of(config: Config, held: Sequence[str]) -> list[str]:
     """Return the channels to replay: decoded samples of a source if recorded, else raw traffic."""
-    lines = [IMU] if config.imu.present else []
-    lines += [STAR_TRACKER] if config.star_tracker is not None else []
+    devices = {IMU: config.imu if config.imu.present else None, STAR_TRACKER: config.star_tracker}
+    on_feed = {bus.name for bus in config.buses if bus.feed is not None}
     wheels, joints = f"{SAMPLES}{WHEELS}", f"{SAMPLES}{JOINTS}"
     if joints in held or not config.joints:
         topics = [joints] * bool(config.joints) + [wheels] * bool(config.wheels)
     else:
-        topics = [f"/can/{bus.name}" for bus in config.buses]
+        topics = [
+            f"/serial/{bus.name}" if bus.name in on_feed else f"/can/{bus.name}"
+            for bus in config.buses
+        ]
     topics += [f"{SAMPLES}{WRENCH_SENSORS}"] * bool(config.wrench_sensors)
-    for name in lines:
+    for name, device in devices.items():
         sampled = f"{SAMPLES}{name}"
-        topics.append(sampled if sampled in held else f"/serial/{name}")
+        if device is not None and (sampled in held or device.bus not in on_feed):
+            topics.append(sampled if sampled in held else f"/serial/{name}")
     return topics
 
 

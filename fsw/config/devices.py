@@ -46,11 +46,13 @@ from fsw.config.base import (
     Turn,
     Vector3,
 )
+from fsw.config.feed import FeedConfig, check_address
 from fsw.errors import brief
 
 MAX_ANGLE_RAD = tau  # of a mounting; larger angles are probably in degrees
 MOST_GYRO_ERROR = 0.2  # of an entry of gyro_matrix; a larger error is a wrong unit or mounting
-SAMPLES = "samples"  # stands for a device whose values exist only in recordings of fsw import
+SAMPLES = "samples"  # values that another program decoded: of a feed, or in recordings only
+LINES = ("imu", "star_tracker")
 
 
 class RedundantBusConfig(Section):
@@ -67,17 +69,33 @@ class BusConfig(Section):
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_]+$")]
     interface: str | None = None  # samples, or one of python-can: socketcan, udp_multicast ...
+    feed: FeedConfig | None = None  # of interface samples: who sends them live; None: recordings
     channel: str | None = None  # a replay needs neither interface nor channel
     fd: bool = False
     bitrate: int | None = Field(default=None, gt=0)
     data_bitrate: int | None = Field(default=None, gt=0)
-    port: int | None = Field(default=None, ge=1, le=65535)  # for udp_multicast and udp_frames
+    port: int | None = Field(default=None, ge=1, le=65535)  # for a feed and CAN over UDP
     sync: Literal["producer", "consumer"] = "producer"
     rate_hz: Rate
     sync_counter_max: int = Field(default=240, ge=2, le=240)
     latch_offset_s: Finite = 0.0  # time of validity of joint samples minus SYNC stamp
     heartbeat_s: Duration | None = None  # period of the computer's heartbeat; None: none is sent
     redundant: RedundantBusConfig | None = None
+
+    @model_validator(mode="after")
+    def _feed_works(self) -> Self:
+        """Refuse a feed that cannot be received, and keys of CAN beside it."""
+        if self.feed is None:
+            return self
+        if self.interface != SAMPLES:
+            raise ValueError(f"interface: {self.interface!r} with feed; must be {SAMPLES!r}")
+        if self.name in LINES:
+            raise ValueError(f"name: {self.name!r} is a serial line; a feed needs another name")
+        for key in ("redundant", "heartbeat_s"):
+            if getattr(self, key) is not None:
+                raise ValueError(f"{key}: a feed has none; must be left out")
+        check_address(self.feed, self.channel, self.port)
+        return self
 
     def second(self) -> BusConfig | None:
         """Return the configuration of the redundant bus; None: there is none."""
@@ -146,9 +164,9 @@ class JointConfig(Section):
     model_config = ConfigDict(json_schema_extra=_keys_of_a_joint)
 
     name: str
-    driver: Literal["canopen"] = "canopen"
+    driver: Literal["canopen", "samples"] = "canopen"  # samples: in the order of a feed's values
     bus: str
-    node_id: int = Field(ge=1, le=127)
+    node_id: Annotated[int, Field(ge=1, le=127)] | None = None  # of canopen
     format: Literal["classic", "fd"] = "classic"
     kind: Literal["revolute", "prismatic"] = "revolute"  # names of prismatic keys: see `linear`
     sign: Literal[-1, 1] = 1
@@ -239,6 +257,14 @@ class JointConfig(Section):
         ).items():
             if self.encoder == "position" and value is not None:
                 raise ValueError(f"{name}: {value:g} needs encoder: speed; must be left out")
+        return self
+
+    @model_validator(mode="after")
+    def _node_of_its_driver(self) -> Self:
+        """Refuse a CAN node without number, and a number where there is no node."""
+        if (self.driver == SAMPLES) != (self.node_id is None):
+            must = "missing" if self.node_id is None else f"{self.node_id} must be left out"
+            raise ValueError(f"node_id: {must} with driver: {self.driver}")
         return self
 
     @property
@@ -364,6 +390,7 @@ class ImuConfig(Section):
         "stim300"  # none: there is no unit; samples: see SAMPLES
     )
     port: str | None = None  # a replay does not need it
+    bus: str | None = None  # of driver samples: the feed
     baud_rate: int = Field(default=921600, gt=0)
     rate_hz: Rate
     crlf: bool = False  # datagrams are followed by CR LF
@@ -423,8 +450,9 @@ def no_imu() -> ImuConfig:
 class StarTrackerConfig(Section):
     """The star tracker. `rotation` states the sense of its quaternion; confirm it by a test."""
 
-    driver: Literal["sagitta"] = "sagitta"
+    driver: Literal["sagitta", "samples"] = "sagitta"
     port: str | None = None
+    bus: str | None = None  # of driver samples: the feed
     baud_rate: int = Field(default=115200, gt=0)
     rate_hz: Rate
     mounting: Mounting

@@ -73,10 +73,15 @@ def for_short_recordings(data: object) -> object:
     if not sections or estimator.get("settle_blocks") is not None:
         return data
     is_held = base.get("motion", "free") != "free" and estimator.get("weighting", "eiv") == "eiv"
-    recorded = [isinstance(bus, dict) and bus.get("interface") == SAMPLES for bus in buses]
+    recorded = [isinstance(bus, dict) and _is_recorded(bus) for bus in buses]
     if not (is_held and recorded and all(recorded)):
         return data
     return data | {"estimator": estimator | {"settle_blocks": LEAST_WINDOWS}}
+
+
+def _is_recorded(bus: dict[str, object]) -> bool:
+    """Return whether the values of a bus exist only in recordings."""
+    return bus.get("interface") == SAMPLES and bus.get("feed") is None
 
 
 class EstimatorConfig(Section):

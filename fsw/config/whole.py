@@ -9,6 +9,7 @@ from pydantic import ConfigDict, Field, PrivateAttr, ValidationError, model_vali
 
 from fsw.config.base import BodyName, Section, allow_null, null_is_left_out
 from fsw.config.devices import BusConfig, ImuConfig, JointConfig, StarTrackerConfig, no_imu
+from fsw.config.feed_devices import feeds_go_with
 from fsw.config.health import HealthConfig
 from fsw.config.modes import ModeConfig, modes_go_with
 from fsw.config.processing import (
@@ -90,9 +91,10 @@ class Config(Section):
     @property
     def can_nodes(self) -> tuple[JointConfig | WheelConfig | ThrusterConfig, ...]:
         """All CAN nodes: joints, wheels on a bus, then one thruster for each node with valves."""
+        joints = (joint for joint in self.joints if joint.node_id is not None)
         nodes = {f"{thruster.bus}:{thruster.node_id}": thruster for thruster in self.thrusters}
         wheels = (wheel for wheel in self.wheels if wheel.bus is not None)
-        return (*self.joints, *wheels, *nodes.values())
+        return (*joints, *wheels, *nodes.values())
 
     def as_read(self) -> Self:
         """Return the configuration that `source` states, without later changes."""
@@ -105,11 +107,18 @@ class Config(Section):
         """Return a path of the configuration; a relative path starts at the file's folder."""
         return path if path.is_absolute() else self._folder / path
 
+    @property
+    def line_ports(self) -> dict[str, str | None]:
+        """Serial ports by their keys; a device on a feed has none."""
+        tracker = self.star_tracker
+        ports = {"imu.port": self.imu.port} if self.imu.present and not self.imu.bus else {}
+        if tracker is not None and not tracker.bus:
+            ports["star_tracker.port"] = tracker.port
+        return ports
+
     def missing_ports(self) -> list[str]:
         """Return missing keys of devices, which a live run needs and a replay does not."""
-        keys = {"imu.port": self.imu.port} if self.imu.present else {}
-        if self.star_tracker is not None:
-            keys["star_tracker.port"] = self.star_tracker.port
+        keys = self.line_ports
         for i, bus in enumerate(self.buses):
             keys[f"buses.{i}.interface"], keys[f"buses.{i}.channel"] = bus.interface, bus.channel
         return [key for key, value in keys.items() if value is None]
@@ -124,6 +133,17 @@ class Config(Section):
         if port is None:
             raise ConfigError(f"{self.name}: a serial device without a port")
         return port if "://" in port else str(self.resolve(Path(port)))
+
+    def feed_place(self, bus: BusConfig) -> Path | tuple[str, int]:
+        """Return where a feed is received: the path of a Unix socket, or address and port.
+
+        Raises
+        ------
+        ConfigError if the bus has no channel.
+        """
+        if bus.channel is None:
+            raise ConfigError(f"{self.name}: buses: {bus.name!r} without a channel")
+        return self.resolve(Path(bus.channel)) if bus.port is None else (bus.channel, bus.port)
 
     def with_unknown(self, unknown: tuple[str, ...]) -> Self:
         """Return this configuration with other unknown bodies.
@@ -157,9 +177,7 @@ class Config(Section):
     def _consistent(self) -> Self:
         _something_turns(self)
         _parts_are_unique(self)
-        ports = {"imu.port": self.imu.port} if self.imu.present else {}
-        if self.star_tracker:
-            ports["star_tracker.port"] = self.star_tracker.port
+        ports = self.line_ports
         for i, bus in enumerate(self.buses):
             ports[f"buses.{i}.channel"] = _device(bus)
             second = bus.second()
@@ -181,6 +199,7 @@ class Config(Section):
                 )
             if joint.format == "fd" and not names[joint.bus].fd:
                 raise ValueError(f"joints.{i}.format: 'fd' needs buses.{joint.bus}.fd: true")
+        feeds_go_with(self.buses, _bus_devices(self))
         rates_hz = {name: bus.rate_hz for name, bus in names.items()}
         wheels_go_with(self.wheels, rates_hz)
         wrench_sensors_go_with(self.wrench_sensors, self.estimator.method)
@@ -207,7 +226,7 @@ class Config(Section):
         _bodies_have_their_keys(self.bodies, self.unknown)
         for i, bus in enumerate(self.buses):
             ratio = self.scheduler.tick_rate_hz / bus.rate_hz
-            if abs(ratio - round(ratio)) > 1e-9 or ratio < 1:
+            if bus.feed is None and (abs(ratio - round(ratio)) > 1e-9 or ratio < 1):
                 raise ValueError(
                     f"buses.{i}.rate_hz: {bus.rate_hz} must divide scheduler.tick_rate_hz "
                     f"{self.scheduler.tick_rate_hz}"
@@ -222,7 +241,8 @@ def _parts_are_unique(config: Config) -> None:
     names = [*(j.name for j in config.joints), *(own.name for own in config.wrench_sensors)]
     _unique(names, "wrench_sensors.name")
     nodes = [f"{node.bus}:0x{node.node_id:02x}" for node in config.can_nodes]
-    joints, wheels = len(config.joints), sum(wheel.bus is not None for wheel in config.wheels)
+    joints = sum(joint.node_id is not None for joint in config.joints)
+    wheels = sum(wheel.bus is not None for wheel in config.wheels)
     _unique(nodes[:joints], "joints.node_id")
     _unique(nodes[: joints + wheels], "wheels.node_id")
     _unique(nodes, "thrusters.node_id")
@@ -243,6 +263,14 @@ def _something_turns(config: Config) -> None:
             f"estimator.method: {config.estimator.method!r} needs joints; a body with reaction "
             "wheels alone has mrnea"
         )
+
+
+def _bus_devices(config: Config) -> dict[str, Any]:
+    """Return all sections of devices that have a key `bus`, by the place of each."""
+    sections: dict[str, Any] = {"imu": config.imu, "star_tracker": config.star_tracker}
+    for key in ("joints", "wheels", "thrusters"):
+        sections |= {f"{key}.{i}": part for i, part in enumerate(getattr(config, key))}
+    return {place: part for place, part in sections.items() if part is not None}
 
 
 def _device(bus: BusConfig) -> str | None:

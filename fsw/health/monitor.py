@@ -30,7 +30,8 @@ class Health:
 
     def __init__(self, config: Config) -> None:
         settings = config.health
-        bus_of = {node.name: node.bus for node in config.can_nodes if node.bus is not None}
+        nodes = (*config.joints, *config.can_nodes)
+        bus_of = {node.name: node.bus for node in nodes if node.bus is not None}
         window_s = config.estimator.window_s + config.estimator.lag_s
         recover_ns, window_ns = round(settings.recover_s * 1e9), round(window_s * 1e9)
         self._incidents = Incidents(recover_ns, bus_of, window_ns)

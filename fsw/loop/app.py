@@ -44,6 +44,7 @@ class StopSignal:
 def open_ports(config: Config, clock: Clock, sink: Sink) -> Ports:
     """Open every configured port; a port that fails counts as lost and is reported as an event."""
     from fsw.drivers.ports.can_bus import open_can
+    from fsw.drivers.ports.feed_socket import open_feed
     from fsw.drivers.ports.serial_line import open_serial
 
     def attempt(name: str, opener: Callable[[], P]) -> P | None:
@@ -54,16 +55,19 @@ def open_ports(config: Config, clock: Clock, sink: Sink) -> Ports:
             return None
 
     cans: dict[str, Callable[[], FramePort]] = {}
+    lines: dict[str, Callable[[], BytePort]] = {}
     for bus in config.buses:
+        if bus.feed is not None:
+            lines[bus.name] = partial(open_feed, config.feed_place(bus), clock)
+            continue
         cans[bus.name] = partial(open_can, bus, clock)
         second = bus.second()
         if second is not None:
             cans[bus.name + SECOND] = partial(open_can, second, clock)
     imu, tracker = config.imu, config.star_tracker
-    lines: dict[str, Callable[[], BytePort]] = {}
-    if imu.present:
+    if imu.present and imu.bus is None:
         lines[IMU] = partial(open_serial, config.device(imu.port), imu.baud_rate, clock)
-    if tracker is not None:
+    if tracker is not None and tracker.bus is None:
         path = config.device(tracker.port)
         lines[STAR_TRACKER] = partial(open_serial, path, tracker.baud_rate, clock)
     opened = {name: attempt(name, opener) for name, opener in lines.items()}
@@ -71,6 +75,7 @@ def open_ports(config: Config, clock: Clock, sink: Sink) -> Ports:
         can={name: attempt(f"can/{name}", opener) for name, opener in cans.items()},
         imu=opened.get(IMU),
         star_tracker=opened.get(STAR_TRACKER),
+        feeds={bus.name: opened[bus.name] for bus in config.buses if bus.feed is not None},
         can_openers=cans,
         line_openers=lines,
     )

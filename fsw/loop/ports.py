@@ -19,5 +19,6 @@ class Ports:
     can: Mapping[str, FramePort | None]
     imu: BytePort | None
     star_tracker: BytePort | None = None
+    feeds: Mapping[str, BytePort | None] = field(default_factory=dict)
     can_openers: Mapping[str, Callable[[], FramePort]] = field(default_factory=dict)
     line_openers: Mapping[str, Callable[[], BytePort]] = field(default_factory=dict)

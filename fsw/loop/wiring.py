@@ -34,11 +34,16 @@ def build(
     `deadline_ns` returns the time at which the next window closes [ns]; 0 while it is unknown.
     `more` returns further values of each status.
     """
-    buses = [_bus_input(config, bus, clock, ports) for bus in config.buses]
-    openers, lines = ports.line_openers, []
-    if config.imu.present:
+    buses = [_bus_input(config, bus, clock, ports) for bus in config.buses if bus.feed is None]
+    openers = ports.line_openers
+    lines = [
+        LineInput(bus.name, Link(bus.name, ports.feeds.get(bus.name), openers.get(bus.name)))
+        for bus in config.buses
+        if bus.feed is not None
+    ]
+    if config.imu.present and config.imu.bus is None:
         lines.append(LineInput(IMU, Link(IMU, ports.imu, openers.get(IMU))))
-    if config.star_tracker is not None:
+    if config.star_tracker is not None and config.star_tracker.bus is None:
         link = Link(STAR_TRACKER, ports.star_tracker, openers.get(STAR_TRACKER))
         start = encode_subscribe((SOLUTION_ID,)) if config.star_tracker.subscribe else b""
         lines.append(LineInput(STAR_TRACKER, link, start))

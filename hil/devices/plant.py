@@ -8,10 +8,12 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hil.devices.bus_toggle import BusToggle
 from hil.devices.can_segment import CanSegment, SyncProducer, TimedFrame
 from hil.devices.canopen import SYNC_ID, FieldScale, JointNode, Reading
+from hil.devices.feed import Feed
 from hil.devices.imu import Imu
 from hil.devices.star_tracker import StarTracker
 from hil.devices.thruster import ThrusterNode
@@ -23,6 +25,8 @@ from hil.world.sensor_config import NodeConfig, SensorConfig, WheelSensorConfig
 from hil.world.sensors import JointErrors, generator
 from hil.world.thrusters import ThrusterSystem
 
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 FIRST_NODE = 0x11
 AHEAD = 64  # latches measured in one batch
 
@@ -62,7 +66,9 @@ class Plant:
         self.nodes = sensors.joints.nodes or default
         if len(self.nodes) != n:
             raise ValueError(f"joints.nodes: {len(self.nodes)} nodes for a robot of {n} joints")
+        feed = sensors.joints.feed
         rate_hz = sensors.joints.sync_rate_hz or sync_rate_hz
+        rate_hz = rate_hz if feed is None else feed.rate_hz
         self.joint_errors = JointErrors(sensors.joints, n, seed, rate_hz, sliding)
         if sensors.joints.torque == "motor_current":
             self._table.measure_at_motors(self.joint_errors.motor_side)
@@ -92,7 +98,8 @@ class Plant:
             if sensors.star_tracker is not None
             else None
         )
-        self.lines: dict[str, Imu | StarTracker] = {}
+        self.feeds = {} if feed is None else {names[0]: Feed(feed, self._sampled, seed, t0_ns)}
+        self.lines: dict[str, Imu | StarTracker | Feed] = dict(self.feeds)
         if self.imu is not None:
             self.lines["imu"] = self.imu
         if self.star_tracker is not None:
@@ -144,19 +151,38 @@ class Plant:
         count = min(count, self.joint_errors.left(), 1 + int(SPAN_S * 1e9) // max(step_ns, 1))
         times_ns = [t_ns + k * step_ns for k in range(count)]
         t_s = np.array([self.clock.second(t) for t in times_ns]) + config.latch_offset_s
-        q, qd, tau = self._table.at(t_s)
-        measured = np.empty((4, *q.shape))
-        position, torque = self.joint_errors.ahead(q, qd, tau)
-        measured[2] = torque * self._gains + self._offsets_nm
-        measured[0] = position - self._zeros
-        measured[1] = qd
-        blind = np.flatnonzero(self.joint_errors.speed_only)
-        if blind.size:  # classic frames have speed in place of position
-            measured[1][:, blind] = self.joint_errors.speeds_ahead(qd)
-            measured[0][:, blind] = np.where(self._is_fd[blind], 0.0, measured[1][:, blind])
-        measured[3] = tau / config.rated_torque_nm
+        position, torque, speed, tau = self._values(t_s)
+        blind = self.joint_errors.speed_only
+        if blind.any():  # classic frames have speed in place of position
+            position[:, blind] = np.where(self._is_fd[blind], 0.0, speed[:, blind])
+        measured = np.stack([position, speed, torque, tau / config.rated_torque_nm])
         measured *= self._signs
         return list(zip(times_ns, self._scale.readings(measured), strict=True))[::-1]
+
+    def _values(self, t_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return positions, torques, speeds as measured, and true torques (k, n), without sign."""
+        q, qd, tau = self._table.at(t_s)
+        position, torque = self.joint_errors.ahead(q, qd, tau)
+        blind = np.flatnonzero(self.joint_errors.speed_only)
+        if blind.size:
+            qd = qd.copy()
+            qd[:, blind] = self.joint_errors.speeds_ahead(qd)
+        return position - self._zeros, torque * self._gains + self._offsets_nm, qd, tau
+
+    def _sampled(self, times_ns: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the joints' raw positions, torques and speeds (k, n) at host times (k,)."""
+        parts, at = [], 0
+        offset_s = self.sensors.joints.latch_offset_s
+        while at < len(times_ns):
+            reach = np.searchsorted(times_ns, times_ns[at] + int(0.9 * SPAN_S * 1e9))
+            stop = min(int(reach), at + max(1, self.joint_errors.left()))
+            found = self._values(self.clock.seconds(times_ns[at:stop]) + offset_s)
+            for _ in range(at, stop):
+                self.joint_errors.use()
+            parts.append([self._signs * values for values in found[:3]])
+            at = stop
+        position, torque, speed = (np.concatenate(column) for column in zip(*parts, strict=True))
+        return position, torque, speed
 
     def _wheel_nodes(
         self, config: WheelSensorConfig | None, seed: int, sync_rate_hz: float

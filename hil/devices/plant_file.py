@@ -82,6 +82,15 @@ class BusLink:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class FeedLink:
+    """Where the host receives the feed of the joints: UDP."""
+
+    __pydantic_config__ = STRICT
+    host: str
+    port: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Links:
     """Buses and serial lines of the devices; the paths become links to pseudo-terminals."""
 
@@ -89,6 +98,7 @@ class Links:
     buses: tuple[BusLink, ...]
     imu: Path | None = None
     star_tracker: Path | None = None
+    feed: FeedLink | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -19,6 +19,7 @@ import can
 
 from hil.devices.can_segment import TimedFrame
 from hil.devices.canopen import SYNC_ID
+from hil.devices.feed_link import FeedEnd
 from hil.devices.frame_port import FramePort
 from hil.devices.multicast import MulticastPort
 from hil.devices.plant import Plant
@@ -204,15 +205,18 @@ def serve(
     plant: Plant,
     buses: list[BusEnd],
     ptys: list[PtyEnd],
+    feeds: list[FeedEnd],
     stopping: Callable[[], bool],
     hang_ups: list[int],
     stalls: Stalls,
 ) -> None:
     """Answer and transmit until `stopping()`; hang up the first terminal if `hang_ups` is set.
 
-    Serial bytes are discarded until the first SYNC, because the host does not read before it.
+    Serial bytes are discarded until the first SYNC or the first datagram of a feed that is
+    received, because the host does not read before it.
     """
-    by_device = {pty.device: pty for pty in ptys}
+    by_device: dict[str, PtyEnd | FeedEnd] = {feed.device: feed for feed in feeds}
+    by_device |= {pty.device: pty for pty in ptys}
     while not stopping():
         now_ns = time.monotonic_ns()
         due = [t for bus in buses if (t := bus.deadline_ns()) is not None]
@@ -234,11 +238,13 @@ def serve(
             bus.send_due(now_ns)
         for pty in ptys:
             pty.follow(now_ns)
-        listening = any(bus.sync_seen for bus in buses)
+        if any(feed.is_received for feed in feeds):
+            plant.clock.start(now_ns)
+        listening = any(bus.sync_seen for bus in buses) or plant.clock.origin_ns is not None
         ready = plant.serial_until(now_ns + AHEAD_NS)
         timed = [(t, device, data) for device, chunks in ready.items() for t, data in chunks]
         for at_ns, device, data in sorted(timed):
-            if listening and device in by_device:
+            if device in by_device and (listening or device in plant.feeds):
                 while now_ns < at_ns:
                     now_ns = time.monotonic_ns()
                 by_device[device].send(data)
@@ -251,7 +257,7 @@ def _say(line: dict[str, Any]) -> None:
 
 def _open(
     file: PlantFile, folder: Path, plant: Plant, stalls: Stalls
-) -> tuple[list[BusEnd], list[PtyEnd]]:
+) -> tuple[list[BusEnd], list[PtyEnd], list[FeedEnd]]:
     paths = {"imu": file.links.imu, "star_tracker": file.links.star_tracker}
     buses = [
         BusEnd(link, plant, stalls, line)
@@ -263,7 +269,9 @@ def _open(
         for device, path in paths.items()
         if path is not None and device in plant.lines
     ]
-    return buses, ptys
+    link = file.links.feed
+    feeds = [] if link is None else [FeedEnd(name, link.host, link.port) for name in plant.feeds]
+    return buses, ptys, feeds
 
 
 def run(path: Path) -> int:
@@ -273,7 +281,7 @@ def run(path: Path) -> int:
         folder = path.absolute().parent
         plant = build(file, folder, time.monotonic_ns())
         stalls = Stalls()
-        buses, ptys = _open(file, folder, plant, stalls)
+        buses, ptys, feeds = _open(file, folder, plant, stalls)
     except (ValueError, OSError, can.CanError) as error:
         sys.stderr.write(f"{path}: {error}\n")
         return 2
@@ -288,14 +296,17 @@ def run(path: Path) -> int:
     gc.disable()
     _say({"ready": True, "pid": os.getpid(), **granted, **{p.device: str(p.path) for p in ptys}})
     try:
-        serve(plant, buses, ptys, lambda: bool(stop), hang_ups, stalls)
+        serve(plant, buses, ptys, feeds, lambda: bool(stop), hang_ups, stalls)
     finally:
         for bus in buses:
             bus.close()
+        for feed in feeds:
+            feed.close()
         for pty in ptys:
             if pty.is_up:
                 pty.close()
     dropped = {pty.device: pty.dropped_bytes for pty in ptys}
+    dropped |= {feed.device: feed.dropped_bytes for feed in feeds}
     errors = sum(bus.send_errors for bus in buses)
     ended = {"dropped_bytes": dropped, "send_errors": errors, "stalls_ns": stalls.found}
     _say({"stopped": True, **ended, **plant.times()})

@@ -206,6 +206,8 @@ class VirtualBench:
         self.cans = {name: VirtualCan(plant, self.clock, name) for name in plant.segments}
         self.can = next(iter(self.cans.values()))
         self.redundant = VirtualCan(plant, self.clock, self.can.bus, line=1)
+        if plant.feeds:  # no SYNC starts the truth
+            plant.clock.start(t0_ns)
         self.serials = {name: VirtualSerial(plant, self.clock, name) for name in plant.lines}
         self.imu = self.serials.get("imu")
         self.star_tracker = self.serials.get("star_tracker")

@@ -282,6 +282,7 @@ class VirtualRun:
             can=cans,
             imu=world.imu,
             star_tracker=world.star_tracker,
+            feeds={name: world.serials[name] for name in self._plant.feeds},
             can_openers={name: port.open for name, port in cans.items()},
             line_openers={name: serial.reopen for name, serial in world.serials.items()},
         )

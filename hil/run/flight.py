@@ -15,7 +15,7 @@ from hil.world.environment.orbit import Orbit
 from hil.world.inertia import FloatArray
 from hil.world.prior import Prior
 from hil.world.robot import Robot, read_links
-from hil.world.scenario import Scenario, mapping_from
+from hil.world.scenario import Scenario, ScenarioError, mapping_from
 from hil.world.sensor_config import SensorConfig
 
 URDF, FLIGHT = "robot.urdf", "flight.yaml"
@@ -76,7 +76,9 @@ def flight_document(
         "bodies": bodies,
         "unknown": list(scenario.unknown),
         "buses": [
-            {
+            _feed(name, sensors, bus_ports, folder)
+            if sensors.joints.feed is not None
+            else {
                 "name": name,
                 **settings,
                 "port": bus_ports.get(name),
@@ -112,6 +114,31 @@ def flight_document(
     if environment is not None and environment.told_to_flight and environment.gravity_gradient:
         document["orbit"] = _orbit(environment.orbit, scenario.before_s)
     return document
+
+
+def _feed(
+    name: str, sensors: SensorConfig, bus_ports: Mapping[str, int], folder: Path
+) -> dict[str, Any]:
+    """Return the bus section of a live feed on the loopback address; write its key, if any."""
+    feed = sensors.joints.feed
+    if feed is None:
+        raise ScenarioError("sensors.joints.feed: missing")
+    section: dict[str, Any] = {"source": feed.source, "clock": feed.clock}
+    if feed.key_hex is not None:
+        folder.mkdir(parents=True, exist_ok=True)
+        path = folder / "feed.key"
+        path.write_bytes(bytes.fromhex(feed.key_hex))
+        path.chmod(0o600)
+        section["key_file"] = path.name
+    return {
+        "name": name,
+        "interface": "samples",
+        "channel": "127.0.0.1",
+        "port": bus_ports.get(name),
+        "rate_hz": feed.rate_hz,
+        "latch_offset_s": sensors.joints.latch_offset_s,
+        "feed": section,
+    }
 
 
 def _excitation(flight: Mapping[str, Any]) -> dict[str, Any]:

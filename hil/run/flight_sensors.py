@@ -55,8 +55,7 @@ def joint_sections(
             {
                 "name": name,
                 "bus": node.bus,
-                "node_id": node.node_id,
-                "format": node.format,
+                **_driver(sensors.joints, node),
                 "sign": node.sign,
                 "speed_limit_rad_s": flight["speed_limit_rad_s"],
                 **_angle(
@@ -70,10 +69,18 @@ def joint_sections(
     ]
 
 
+def _driver(joints: JointSensorConfig, node: NodeConfig) -> dict[str, Any]:
+    """Return the keys of a joint on the CAN bus, or in a feed."""
+    if joints.feed is not None:
+        return {"driver": "samples"}
+    return {"node_id": node.node_id, "format": node.format}
+
+
 def torque_noise_nm(joints: JointSensorConfig, node: NodeConfig, rate_hz: float) -> float:
     """Return 1 sigma of one torque sample [N m], including rounding on the wire."""
     sigma = _sigma(joints.torque_noise, rate_hz, joints.torque_noise_nm)
-    return math.hypot(sigma, TORQUE_STEP_NM[node.format] / math.sqrt(12))
+    step_nm = 0.0 if joints.feed is not None else TORQUE_STEP_NM[node.format]
+    return math.hypot(sigma, step_nm / math.sqrt(12))
 
 
 def _sigma(noise: BandLimitedWhiteNoise | None, rate_hz: float, otherwise: float) -> float:
@@ -89,7 +96,8 @@ def position_noise_rad(
 ) -> float:
     """Return 1 sigma of one position sample: noise, encoder step, wire step, time-stamp noise."""
     encoder = 2 * math.pi / 2**joints.encoder_bits
-    step = math.hypot(encoder, POSITION_STEP_RAD) / math.sqrt(12)
+    wire = 0.0 if joints.feed is not None else POSITION_STEP_RAD
+    step = math.hypot(encoder, wire) / math.sqrt(12)
     step /= math.tau if is_prismatic else 1.0
     noise = _sigma(joints.position_noise, rate_hz, joints.encoder_noise_rad)
     return math.hypot(noise, step, stamp_noise_rad)

@@ -26,9 +26,12 @@ def plant_document(
                 "redundant": _second_link(bus),
             }
             for name, bus in scenario.buses.items()
+            if sensors.joints.feed is None
         ],
         "imu": "imu",
     }
+    if sensors.joints.feed is not None:
+        links["feed"] = {"host": "127.0.0.1", "port": next(iter(bus_ports.values()))}
     if sensors.star_tracker is not None:
         links["star_tracker"] = "star_tracker"
     return {

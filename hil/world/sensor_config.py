@@ -67,6 +67,24 @@ class BusToggleConfig:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class FeedConfig:
+    """A program beside the arm's controller that sends all joints in datagrams, on its clock."""
+
+    __pydantic_config__ = STRICT
+    rate_hz: float
+    source: int = 7
+    encoding: Literal["packed", "json"] = "packed"
+    clock: Literal["monotonic", "unix", "tai", "device"] = "monotonic"  # monotonic: the host's
+    clock_offset_s: float = 0.0  # of another clock: its time at power-on
+    clock_error_ppm: float = 0.0  # bound of the uniform draw of another clock's error
+    latency_s: float = 3.0e-4  # from the sample to the sending
+    delay_s: float = 5.0e-5  # least time from sending to arrival
+    jitter_s: float = 5.0e-5  # mean of what is added to it, exponential
+    loss_ratio: float = 0.0  # share of datagrams that never arrive
+    key_hex: str | None = None  # 32 bytes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class JointSensorConfig:
     """Joint encoders and link-side torque sensors."""
 
@@ -96,6 +114,7 @@ class JointSensorConfig:
     sync_counter_max: int = 240
     sync_rate_hz: float | None = None  # the plant produces SYNC at this rate; null: the host
     redundancy: BusToggleConfig | None = None  # null: one bus
+    feed: FeedConfig | None = None  # the joints are on no CAN bus; null: they are nodes
     nodes: tuple[NodeConfig, ...] = ()  # empty: nodes 0x11, 0x12, ..., classic, bus "arm"
 
 

@@ -66,7 +66,7 @@ class JointBusSource:
         self._bus = bus
         self._watch = BusWatch(
             bus.name,
-            {config.node_id: config.name for _, config in joints},
+            {config.node_id: config.name for _, config in joints if config.node_id is not None},
             bus.rate_hz,
             health.silent_periods,
             health.late_periods,

@@ -38,7 +38,7 @@ NORM_TOLERANCE = 1e-2
 NOTHING = (np.nan, np.nan, np.nan)
 Decoded = JointSamples | ImuSamples | AttitudeSamples | WheelSamples | WrenchSamples
 Row = Callable[[Mapping[str, Any]], Sequence[float]]
-Build = Callable[[IntArray, FloatArray], Decoded]
+Build = Callable[[IntArray, IntArray, FloatArray], Decoded]
 
 
 class SampleSource:
@@ -47,12 +47,13 @@ class SampleSource:
     Parameters
     ----------
     row : turns one message into numbers, NaN for a missing value; raises on a wrong message
-    build : turns stamps (k,) and rows (k, width) into samples, without those out of range
+    build : turns times of validity (k,), receive stamps (k,) and rows (k, width) into samples,
+        without those out of range
     per_row : number of samples in a message
     """
 
     def __init__(self, row: Row, build: Build, per_row: int = 1) -> None:
-        self._row, self._build, self._per_row = row, build, per_row
+        self.row, self.build, self._per_row = row, build, per_row
         self._counts = Counters()
 
     @property
@@ -77,11 +78,12 @@ class SampleSource:
         for chunk in chunks:
             self._counts.received_bytes += len(chunk.data)
             try:
-                rows.append(self._row(json.loads(chunk.data)))
+                rows.append(self.row(json.loads(chunk.data)))
                 stamps.append(chunk.t_ns)
             except WRONG_CONTENT:
                 self._counts.reject(Reject.LENGTH, len(chunk.data))
-        samples = self._build(np.array(stamps, np.int64), np.array(rows, np.float64))
+        t_ns = np.array(stamps, np.int64)
+        samples = self.build(t_ns, t_ns, np.array(rows, np.float64))
         refused = len(rows) * self._per_row - len(samples)
         self._counts.accepted += len(samples)
         self._counts.rejected += refused
@@ -114,14 +116,15 @@ def joint_samples(config: Config) -> SampleSource:
         found = [float(message[key][name]) for name, (key, _) in pairs]
         return found + [float(message.get(key, {}).get(name, np.nan)) for name, (_, key) in pairs]
 
-    def build(t_ns: IntArray, values: FloatArray) -> JointSamples:
+    def build(t_ns: IntArray, t_receive_ns: IntArray, values: FloatArray) -> JointSamples:
         joint, stamps = np.tile(every, len(t_ns)), np.repeat(t_ns, n)
+        received = np.repeat(t_receive_ns, n)
         values = values.reshape(len(t_ns), 2, n)
         angle, force = calibration.apply(joint, values[:, 0].ravel(), values[:, 1].ravel())
         force[blind[joint]] = np.nan
         good = np.isfinite(angle) & ~(np.abs(force) > limits_nm[joint])
-        stamps, joint = stamps[good], joint[good]
-        return JointSamples(stamps + offsets_ns[joint], stamps, joint, angle[good], force[good])
+        stamps, received, joint = stamps[good], received[good], joint[good]
+        return JointSamples(stamps + offsets_ns[joint], received, joint, angle[good], force[good])
 
     return SampleSource(row, build, n)
 
@@ -135,14 +138,14 @@ def wheel_samples(wheels: Sequence[WheelConfig]) -> SampleSource:
     def row(message: Mapping[str, Any]) -> list[float]:
         return [float(message[SPEED].get(name, np.nan)) for name in names]
 
-    def build(t_ns: IntArray, values: FloatArray) -> WheelSamples:
+    def build(t_ns: IntArray, t_receive_ns: IntArray, values: FloatArray) -> WheelSamples:
         wheel, stamps = np.tile(np.arange(n), len(t_ns)), np.repeat(t_ns, n)
         speed = values.reshape(-1)
         good = np.abs(speed) <= limits[wheel]
         wheel, stamps, speed = wheel[good], stamps[good], speed[good]
         return WheelSamples(
             t_ns=stamps - delays_ns[wheel],
-            t_receive_ns=stamps,
+            t_receive_ns=np.repeat(t_receive_ns, n)[good],
             wheel=wheel,
             speed_rad_s=speed,
             torque_nm=np.full(len(speed), np.nan),
@@ -166,13 +169,14 @@ def wrench_samples(sensors: Sequence[WrenchSensorConfig]) -> SampleSource:
                 found += [float(x), float(y), float(z)]
         return found
 
-    def build(t_ns: IntArray, values: FloatArray) -> WrenchSamples:
+    def build(t_ns: IntArray, t_receive_ns: IntArray, values: FloatArray) -> WrenchSamples:
         sensor, stamps = np.tile(np.arange(len(names)), len(t_ns)), np.repeat(t_ns, len(names))
         wrench = values.reshape(-1, 6)
         good = (np.abs(wrench) <= limits[sensor]).all(axis=1)
         sensor, stamps, wrench = sensor[good], stamps[good], wrench[good]
         wrench = wrench * signs[sensor, None]
-        return WrenchSamples(stamps - delays_ns[sensor], stamps, sensor, wrench)
+        received = np.repeat(t_receive_ns, len(names))[good]
+        return WrenchSamples(stamps - delays_ns[sensor], received, sensor, wrench)
 
     return SampleSource(row, build, len(names))
 
@@ -191,13 +195,13 @@ def imu_samples(config: ImuConfig) -> SampleSource:
         fx, fy, fz = message.get(FORCE, NOTHING)
         return [float(value) for value in (wx, wy, wz, fx, fy, fz)]
 
-    def build(t_ns: IntArray, values: FloatArray) -> ImuSamples:
+    def build(t_ns: IntArray, t_receive_ns: IntArray, values: FloatArray) -> ImuSamples:
         values = values.reshape(-1, 6)
         far = (np.abs(values[:, :3]) > config.max_rate_rad_s).any(axis=1)
         far |= (np.abs(values[:, 3:]) > force_limit).any(axis=1)
-        t_ns, values = t_ns[~far], values[~far] - bias
+        t_ns, t_receive_ns, values = t_ns[~far], t_receive_ns[~far], values[~far] - bias
         w = values[:, :3] @ gyro_matrix.T
-        return ImuSamples(t_ns - gyro_ns, t_ns - acc_ns, t_ns, w, values[:, 3:])
+        return ImuSamples(t_ns - gyro_ns, t_ns - acc_ns, t_receive_ns, w, values[:, 3:])
 
     return SampleSource(row, build)
 
@@ -212,7 +216,7 @@ def attitude_samples(config: StarTrackerConfig) -> SampleSource:
             raise ValueError("no rotation")
         return list(to_bus((w, x, y, z), config.mounting.q_BS_xyzw, config.rotation))
 
-    def build(t_ns: IntArray, values: FloatArray) -> AttitudeSamples:
-        return AttitudeSamples(t_ns - latency_ns, t_ns, values.reshape(-1, 4))
+    def build(t_ns: IntArray, t_receive_ns: IntArray, values: FloatArray) -> AttitudeSamples:
+        return AttitudeSamples(t_ns - latency_ns, t_receive_ns, values.reshape(-1, 4))
 
     return SampleSource(row, build)

@@ -6,6 +6,7 @@ from typing import Any, Protocol
 from fsw.config import BusConfig, Config
 from fsw.drivers.codecs.canopen import COB_SYNC
 from fsw.drivers.sources import (
+    FeedSource,
     ImuSource,
     JointBusSource,
     StarTrackerSource,
@@ -39,7 +40,11 @@ class BusChannel:
     """Decodes the frames of the joints, wheels and thrusters of one bus."""
 
     def __init__(self, config: Config, bus: BusConfig) -> None:
-        joints = [(i, joint) for i, joint in enumerate(config.joints) if joint.bus == bus.name]
+        joints = [
+            (i, joint)
+            for i, joint in enumerate(config.joints)
+            if joint.bus == bus.name and joint.node_id is not None
+        ]
         wheels = [(i, wheel) for i, wheel in enumerate(config.wheels) if wheel.bus == bus.name]
         self.name = bus.name
         self.source = JointBusSource(bus, joints, config.health)
@@ -53,6 +58,11 @@ class BusChannel:
     def waiting(self) -> int:
         """Number of frames not decoded yet."""
         return sum(map(len, self._waiting))
+
+    @property
+    def counters(self) -> dict[str, dict[str, int]]:
+        """Counters of the joints, by name of the bus."""
+        return {self.name: self.source.counters}
 
     def put(self, traffic: CanTraffic | SerialTraffic) -> None:
         """Keep frames until the end of the batch."""
@@ -127,6 +137,11 @@ class LineChannel:
         """Number of chunks not decoded yet."""
         return len(self._waiting)
 
+    @property
+    def counters(self) -> dict[str, dict[str, int]]:
+        """Counters of the device, by its name."""
+        return {self.name: self.source.counters}
+
     def put(self, traffic: CanTraffic | SerialTraffic) -> None:
         """Keep chunks until the end of the batch."""
         if isinstance(traffic, SerialTraffic):
@@ -151,7 +166,49 @@ class LineChannel:
         return ()
 
 
-Channel = BusChannel | LineChannel
+class FeedChannel:
+    """Decodes the datagrams of one feed, of up to three devices."""
+
+    def __init__(self, config: Config, bus: BusConfig) -> None:
+        self.name = bus.name
+        self.source = FeedSource(config, bus)
+        self._waiting: list[ByteChunk] = []
+
+    @property
+    def waiting(self) -> int:
+        """Number of datagrams not decoded yet."""
+        return len(self._waiting)
+
+    @property
+    def counters(self) -> dict[str, dict[str, int]]:
+        """Counters by name of the feed or device."""
+        return self.source.counters
+
+    def put(self, traffic: CanTraffic | SerialTraffic) -> None:
+        """Keep datagrams until the end of the batch."""
+        if isinstance(traffic, SerialTraffic):
+            self._waiting += traffic.chunks
+
+    def first_ns(self) -> int | None:
+        """Return the stamp of the first waiting datagram [ns]; None: none waits."""
+        return self._waiting[0].t_ns if self._waiting else None
+
+    def decoded(self) -> Iterator[tuple[Samples, bool]]:
+        """Decode the waiting datagrams; the steps of the sender's values are not known."""
+        waiting, self._waiting = self._waiting, []
+        for samples in self.source.feed(waiting):
+            yield samples, False
+
+    def findings(self) -> Sequence[Finding]:
+        """Return the faults found since the last call."""
+        return self.source.findings()
+
+    def events(self) -> Sequence[tuple[str, str, str]]:
+        """Return no events: a feed raises none here."""
+        return ()
+
+
+Channel = BusChannel | LineChannel | FeedChannel
 
 
 def channels_of(config: Config, sampled: Collection[str]) -> dict[str, Channel]:
@@ -163,7 +220,10 @@ def channels_of(config: Config, sampled: Collection[str]) -> dict[str, Channel]:
     if JOINTS in sampled:
         found.append(LineChannel(JOINTS, joint_samples(config), is_sampled=True, starts=True))
     else:
-        found += [BusChannel(config, bus) for bus in config.buses]
+        found += [
+            BusChannel(config, bus) if bus.feed is None else FeedChannel(config, bus)
+            for bus in config.buses
+        ]
     if WHEELS in sampled:
         found.append(LineChannel(WHEELS, wheel_samples(config.wheels), is_sampled=True))
     if WRENCH_SENSORS in sampled:
@@ -174,10 +234,10 @@ def channels_of(config: Config, sampled: Collection[str]) -> dict[str, Channel]:
     if IMU in sampled:
         starts = not config.joints
         found.append(LineChannel(IMU, imu_samples(imu), is_sampled=True, starts=starts))
-    elif imu.present:
+    elif imu.present and imu.bus is None:
         found.append(LineChannel(IMU, ImuSource(imu, None, health), is_sampled=False))
-    if tracker is not None:
-        is_sampled = STAR_TRACKER in sampled
+    is_sampled = STAR_TRACKER in sampled
+    if tracker is not None and (is_sampled or tracker.bus is None):
         source = attitude_samples(tracker) if is_sampled else StarTrackerSource(tracker, health)
         found.append(LineChannel(STAR_TRACKER, source, is_sampled=is_sampled))
     return {channel.name: channel for channel in found}
@@ -194,8 +254,9 @@ def sample_status(
     late[JOINTS] = sum(late[joint.name] for joint in config.joints)
     found: dict[str, Any] = {
         "samples": {
-            name: source_samples(channel.source.counters, late[name])
-            for name, channel in channels.items()
+            name: source_samples(counters, late[name])
+            for channel in channels.values()
+            for name, counters in channel.counters.items()
         },
         "lacks": {
             name: words

@@ -32,7 +32,6 @@ RESERVE = 16  # numbers stored ahead: one write per 16 commands; a crash skips a
 DATA_AT = HEADER_BYTES + SPI_BYTES + IV_BYTES
 MIN_BYTES = DATA_AT + 1 + MAC_BYTES + FECF_BYTES
 MAX_BYTES = 1024  # 232.0-B 4.1.2: ten bits of length
-KEY_BYTES = 32
 BYPASS = 1 << 13  # type BD; the other bits are zero: version, control command flag, spare
 SPACECRAFT_MASK, VCID_MASK = 0x03FF, 0xFC
 PACKET_HEADER_BYTES = 6

@@ -42,6 +42,7 @@ def seeds(name: str) -> list[bytes]:
         "stim300": lambda: _serial(STIM_VECTOR),
         "mip": lambda: _serial(_mip()),
         "sagitta": lambda: _serial(_solution()),
+        "feed": _feeds,
         "command": _commands,
         "config": lambda: [
             CORRECT,
@@ -68,6 +69,22 @@ def _operations() -> list[bytes]:
     on_links = [links + bytes((5, k, PATHS.index("files/loop"))) for k in named]
     others = [bytes((5, k)) for k in range(len(DICTIONARY.telecommands))]
     return [*uploads, *robots, b"\x01", *on_links, *others]
+
+
+def _feeds() -> list[bytes]:
+    """Return datagrams of every kind in order, repeated, of a jump in time, as JSON, damaged."""
+    good = [bytes((kind, k, 100 + 4 * k, 101 + 4 * k)) for k in range(6) for kind in range(3)]
+    sent = [segment(SEALED | ENDS_CHUNK, payload) for payload in good]
+    times = ', "t_valid_ns": 1, "t_sent_ns": 2, "values": [0.1, null]}'
+    text = '{"source": 7, "sequence": 1, "kind": "joints", "clock": "monotonic"' + times
+    damaged = segment(ENDS_CHUNK, b"FSW1" + bytes(40))
+    jumped = segment(SEALED | ENDS_CHUNK, bytes((0, 200, 128, 255)))
+    return [
+        b"".join(sent),
+        sent[0] * 3 + sent[3] + sent[0],
+        jumped + b"".join(sent[3:]),
+        segment(ENDS_CHUNK, text.encode()) * 2 + damaged,
+    ]
 
 
 def _serial(payload: bytes) -> list[bytes]:
