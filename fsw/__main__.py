@@ -182,7 +182,8 @@ def _run(arguments: argparse.Namespace) -> int:
     validate_outputs(config)
     for text in missing_devices(config):
         print(f"fsw: run: warning: {text}; it is opened once it is there", file=sys.stderr)
-    words = "until SIGTERM; events that somebody must act on follow, all are in events.jsonl"
+    words = "runs until Ctrl-C or SIGTERM; events that need an operator are shown, all of them are "
+    words += "in events.jsonl of service.state_directory"
     print(f"fsw: run: {words}", file=sys.stderr)
     from fsw.exchange.tied import module_command
     from fsw.loop.app import RESTART_EXIT, run_live  # imported late: it can open devices

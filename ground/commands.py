@@ -17,7 +17,9 @@ BASE = "pus_telecommand"
 HEADER = ("service", "subtype", "source")
 ACK_ALL = 0b1111  # acceptance, start, progress, completion
 SETTING = "SET_"
+PARAMETERS = 20  # service of the parameters
 MULTIPLE = "SET_PARAMETERS"
+TOGETHER = "set several parameters, all or none: PARAMETER=VALUE, one or more"
 INSERT = "INSERT_ACTIVITY"
 ON_EVENT = "ADD_EVENT_ACTION"
 FRACTIONS_PER_S = 1 << 24
@@ -151,6 +153,14 @@ class Catalogue:
             if known.upper() == name.upper():
                 return command
         raise UsageError(f"{name}: no such telecommand{did_you_mean(name, self.commands)}")
+
+    def settings(self) -> dict[str, GroundCommand]:
+        """Return the commands that set one parameter each, by the parameter's name."""
+        return {
+            name.removeprefix(SETTING): command
+            for name, command in self.commands.items()
+            if name.startswith(SETTING) and command.service == PARAMETERS
+        }
 
     def build(
         self, name: str, given: Mapping[str, str], sequence: int, *, checked: bool = True

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from ground.commands import Argument, Catalogue, given_arguments
+from ground.commands import MULTIPLE, TOGETHER, Argument, Catalogue, given_arguments
 from ground.downlink import PacketStream
 from ground.errors import LinkError, UsageError
 from ground.history import CommandHistory
@@ -62,6 +62,12 @@ def list_commands(name: str | None) -> int:
     if name is None:
         for command in catalogue.commands.values():
             print(f"{command.service:3d},{command.subtype:<3d} {command.name:32s} {command.doc}")
+        print(f"{'':8s}{MULTIPLE:32s} {TOGETHER}")
+        return 0
+    if name.upper() == MULTIPLE:
+        print(f"{MULTIPLE}: {TOGETHER}")
+        for setting, command in catalogue.settings().items():
+            print(f"  {setting}: {_argument_words(command.arguments[0])}")
         return 0
     command = catalogue.find(name)
     print(f"{command.name} ({command.service},{command.subtype}): {command.doc}")

@@ -7,7 +7,7 @@ from fsw.commands.recording_arguments import Command, Commands, overlay_argument
 
 def run_arguments(commands: Commands, command: Command) -> None:
     """Add the parser of `fsw run`."""
-    run = commands.add_parser("run", help="identify from live devices until SIGTERM")
+    run = commands.add_parser("run", help="identify from live devices until Ctrl-C or SIGTERM")
     run.add_argument("config", type=Path, metavar="CONFIG")
     overlay_argument(run)
     run.add_argument(

@@ -247,10 +247,11 @@ class Problem:
         name, sigmas = self.least_plausible(x)
         if sigmas <= CONSPICUOUS:
             return ""
-        key = BY_NAME[name.partition(".")[0]].key
+        group, k = BY_NAME[name.partition(".")[0]], self.names.index(name)
+        size = f"{x[k] - self.prior_mean[k]:+.3g} {group.unit}".rstrip()
         return (
-            f"; {in_words(name)}: estimated {sigmas:.0f} sigma from what is configured; "
-            f"correct it, or state its doubt by {key}"
+            f"; {in_words(name)}: estimated {sigmas:.0f} sigma ({size}) from what is configured; "
+            f"correct it, or state its doubt by {group.key}"
         )
 
     def place_m(self, x: FloatArray) -> FloatArray:

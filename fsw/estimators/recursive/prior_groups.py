@@ -103,10 +103,12 @@ def widen(
 def in_words(found: Sequence[Widened]) -> str:
     """Return which groups of the prior the data contradict; empty: none."""
     words = [
-        f"{group.name} by {group.sigmas:.1f} sigma (rms), widened {group.factor:.1f} times"
+        f"{group.name} lies {group.sigmas:.1f} sigma (rms) from what is configured, whose sigma "
+        f"counts {group.factor:.1f} times as wide"
         for group in found
     ]
-    return f"the data contradict the prior: {'; '.join(words)}" if words else ""
+    cure = "correct the value, or state a wider sigma"
+    return f"the data contradict the prior: {'; '.join(words)}; {cure}" if words else ""
 
 
 def _distance(prior: Gaussian, estimate: Gaussian, k: IndexArray) -> tuple[float, float]:

@@ -124,6 +124,11 @@ def test_too_little_telemetry_is_told(capsys):
 def test_commands_are_listed_with_their_arguments(capsys):
     assert main(["list"]) == 0
     assert "RUN_BATCH" in capsys.readouterr().out
+    assert main(["list", "set_parameters"]) == 0
+    together = capsys.readouterr().out
+    assert "all or none" in together
+    assert "  batch_last_s: " in together, "docs/ground.md sets it"
+    assert "MODE" not in together, "SET_MODE sets no parameter"
     assert main(["list", "RUN_BATCH"]) == 0
     text = capsys.readouterr().out
     assert "method: one of MRNEA, RDA, CM, CE, FUSED" in text

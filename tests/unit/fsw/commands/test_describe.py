@@ -1,5 +1,9 @@
 """What the daemon would do, in words."""
 
+import re
+from pathlib import Path
+
+from fsw.__main__ import main
 from fsw.checks.configuration import validate
 from fsw.commands.describe import describe
 from fsw.config import load
@@ -83,3 +87,10 @@ def test_the_description_says_how_telecommands_are_taken(arm):
     assert_named(
         text, "TCP :::10025", "authenticated, SPI 3 command, SPI 4 command", "starts in identify"
     )
+
+
+def test_the_word_that_the_howto_waits_for_is_printed(arm, capsys):
+    page = Path(__file__).parents[4] / "docs" / "howto" / "robot.md"
+    (word,) = re.findall(r"until it says `(\w+)`", page.read_text(encoding="utf-8"))
+    assert main(["check", str(arm.write())]) == 0
+    assert f": {word}, " in capsys.readouterr().out.splitlines()[-1]

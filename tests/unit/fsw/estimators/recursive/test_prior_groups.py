@@ -5,7 +5,7 @@ import numpy as np
 from fsw.estimators.diagnosis import conflict_limit, stated_conflict
 from fsw.estimators.model.inertia import report_jacobian
 from fsw.estimators.model.problem import Problem
-from fsw.estimators.recursive.prior_groups import LARGEST, groups, widen
+from fsw.estimators.recursive.prior_groups import LARGEST, Widened, groups, in_words, widen
 from fsw.messages import FloatArray
 from tests.support.estimator_cases import make_problem
 
@@ -98,3 +98,10 @@ def test_one_distance_over_all_states_would_not_see_it() -> None:
     distance, dof = stated_conflict(*prior, mean, covariance, 1)
     assert distance < conflict_limit(dof)
     assert [group.name for group in widen(problem, prior, (mean, covariance))[1]] == ["acc_bias"]
+
+
+def test_words_name_the_quantity_its_size_and_what_to_do() -> None:
+    text = in_words([Widened(name="mass of target", sigmas=3.04, factor=3.0, of_model=False)])
+    assert "mass of target lies 3.0 sigma" in text
+    assert "correct the value, or state a wider sigma" in text
+    assert in_words([]) == ""
