@@ -95,8 +95,10 @@ def _exchanges(config: Config) -> Iterator[Mistake]:
         places = list(range(len(joints)))
         places[i], places[k] = k, i
         names = f"({joints[i].name}, {joints[k].name})"
+        is_feed = joints[i].node_id is None or joints[k].node_id is None
+        key = "" if is_feed else ".node_id"  # a feed's values stand in the order of the joints
         yield Mistake(
-            text=f"joints.{i}.node_id and joints.{k}.node_id {names}: swapped",
+            text=f"joints.{i}{key} and joints.{k}{key} {names}: swapped",
             change=partial(Trial.reread, positions_of=places, torques_of=places),
         )
         yield Mistake(

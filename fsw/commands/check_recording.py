@@ -1,6 +1,6 @@
 """`fsw check CONFIG RECORDING`: compare a configuration with the data of a recording."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -56,8 +56,9 @@ def check_recording(
     if result.truncated:
         lines.append(result.cut_off())
     unused = unused_sensors(result.status)
+    feeds = [bus.name for bus in config.buses if bus.feed is not None]
     lines += [
-        f"{WRONG}{source}: {words}{_advice(source, result.status)}"
+        f"{WRONG}{source}: {words}{_advice(source, result.status, feeds)}"
         for source, words in unused.items()
     ]
     wrong |= bool(unused)
@@ -140,11 +141,13 @@ def _read(
     return result, watching
 
 
-def _advice(source: str, status: Mapping[str, Any]) -> str:
+def _advice(source: str, status: Mapping[str, Any], feeds: Collection[str]) -> str:
     """Return what the user should look at, unless it is known what the device does not send."""
     counts = status["samples"][source]
     if source in status["lacks"] or counts["accepted"]:
         return ""
+    if source in feeds:
+        return "; compare buses[].feed and the number of joints with the sender's datagrams"
     if source not in (IMU, STAR_TRACKER):
         return "; compare node numbers and format of joints[] with the nodes"
     if not counts["received_bytes"]:

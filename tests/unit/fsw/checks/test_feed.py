@@ -3,6 +3,7 @@
 import pytest
 
 from fsw.checks.configuration import missing_devices, validate, validate_ports
+from fsw.commands.check_recording import _advice
 from fsw.commands.describe import describe
 from fsw.commands.replay import topics_of
 from fsw.config import load
@@ -108,3 +109,9 @@ def test_samples_without_a_feed_are_of_recordings_only(arm):
 def test_a_held_arm_on_a_feed_needs_as_many_windows_as_any_other_that_flies(arm):
     on_feed(arm).data["base"] = {"motion": "clamped", "gravity_B_m_s2": [0.0, 0.0, -9.81]}
     assert load(arm.write()).estimator.settle_blocks == 25
+
+
+def test_a_feed_that_gives_nothing_is_compared_with_its_sender():
+    status = {"samples": {"arm": {"accepted": 0, "received_bytes": 9}}, "lacks": {}}
+    assert "buses[].feed" in _advice("arm", status, ["arm"])
+    assert "node numbers" in _advice("arm", status, [])
