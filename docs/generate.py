@@ -21,6 +21,9 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 from pydantic import TypeAdapter
 
+from fsw.commands.init_devices import offered
+from fsw.drivers.codecs.entries import options_of
+
 ROOT = Path(__file__).parents[1]
 EVIDENCE = ROOT / "docs" / "evidence.md"
 OUTSIDE = {"contributing.md": "CONTRIBUTING.md", "changelog.md": "CHANGELOG.md"}
@@ -43,12 +46,28 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the generated pages, and those that stand beside the folder of the documentation."""
     pages = {
         "reference/schema.md": schema(),
+        "reference/codecs.md": codecs(),
     }
     for name, source in OUTSIDE.items():
         pages[name] = (ROOT / source).read_text(encoding="utf-8").replace("](docs/", "](")
     for name, content in pages.items():
         files.append(File.generated(config, name, content=content))
     return files
+
+
+def codecs() -> str:
+    """Return the page of the installed codecs: what each reads, and its options."""
+    parts = [
+        "# Codecs",
+        "For users who connect an inertial unit or a star tracker. Generated from the codecs; "
+        "`fsw devices` lists those of your installation. "
+        "[Add a sensor driver](../howto/sensor_driver.md) says how to write one.",
+    ]
+    for entry, kind, codec in offered():
+        options = [f"- `{option}`" for option in options_of(codec).values()]
+        document = import_module(codec.__module__).__doc__
+        parts += [f"## {entry.name} ({kind})", f"{codec.title}. {document}", "\n".join(options)]
+    return "\n\n".join(parts)
 
 
 def on_page_markdown(markdown: str, page: Page, **_: object) -> str:

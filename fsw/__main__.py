@@ -131,6 +131,12 @@ def _configuration_parsers(commands: argparse._SubParsersAction[argparse.Argumen
     init_arguments(init)
     init.set_defaults(command=_init)
 
+    devices = commands.add_parser(
+        "devices",
+        help="list the codecs of units on serial lines, and where each is from",
+    )
+    devices.set_defaults(command=_devices)
+
     schema = commands.add_parser(
         "schema", help="print the configuration's JSON Schema, for editors"
     )
@@ -384,6 +390,13 @@ def _schema(_arguments: argparse.Namespace) -> int:
     from fsw.config.whole import json_schema
 
     print(json.dumps(json_schema(), indent=2))
+    return 0
+
+
+def _devices(_arguments: argparse.Namespace) -> int:
+    from fsw.commands.init_devices import codec_listing
+
+    print(codec_listing())
     return 0
 
 

@@ -1,6 +1,6 @@
 """Worst-case load of buses and lines, and delay of every sensor, at the configured rates.
 
-The functions need no device. Lengths of frames are those of docs/icd.md.
+The functions need no device. Lengths of frames are those of docs/icd.md and of the codecs.
 """
 
 from collections.abc import Sequence
@@ -15,6 +15,7 @@ from fsw.config import (
     WheelConfig,
 )
 from fsw.config.devices import SAMPLES
+from fsw.drivers.codecs.entries import imu_codec, star_tracker_codec
 from fsw.drivers.ports.stamps import KERNEL_WAIT_NS
 
 BITS_PER_BYTE = 10  # 8N1: start, eight data, stop
@@ -26,13 +27,6 @@ TPDO1_FD_BYTES = 20
 TPDO2_BYTES = 8
 WHEEL_TPDO2_BYTES = 2
 TPDO2_DIVIDER = 10  # a node sends TPDO2 at every tenth SYNC
-IMU_BYTES = {  # shortest datagram with an accelerometer, and longest datagram
-    "stim300": (28, 63),
-    "mip": (44, 134),  # only rate, acceleration and time; longest packet that the driver reads
-}
-CRLF_BYTES = 2
-IMU_RATES_HZ = (125.0, 250.0, 500.0, 1000.0, 2000.0)
-STAR_TRACKER_BYTES = 2 + 2 * 87  # a solution frame with every byte escaped
 
 
 def classic_frame_s(data_bytes: int, bitrate: float) -> float:
@@ -87,18 +81,15 @@ def bus_load(
 
 def imu_load(imu: ImuConfig) -> tuple[float, float]:
     """Return the load of the line (1: full) by the shortest and by the longest datagrams."""
-    if imu.driver not in IMU_BYTES:  # no serial line
-        return 0.0, 0.0
-    end = CRLF_BYTES if imu.crlf else 0
-    shortest, longest = (
-        (size + end) * BITS_PER_BYTE * imu.rate_hz / imu.baud_rate for size in IMU_BYTES[imu.driver]
-    )
-    return shortest, longest
+    shortest, longest = imu_codec(imu).frame_bytes if imu.is_serial else (0, 0)
+    bytes_per_s = imu.baud_rate / BITS_PER_BYTE
+    return shortest * imu.rate_hz / bytes_per_s, longest * imu.rate_hz / bytes_per_s
 
 
 def star_tracker_load(tracker: StarTrackerConfig) -> float:
     """Return the worst-case load of the star tracker's line (1: full)."""
-    return STAR_TRACKER_BYTES * BITS_PER_BYTE * tracker.rate_hz / tracker.baud_rate
+    longest = 0 if tracker.driver == SAMPLES else star_tracker_codec(tracker).frame_bytes[1]
+    return longest * BITS_PER_BYTE * tracker.rate_hz / tracker.baud_rate
 
 
 def joint_delay_s(bus: BusConfig, scheduler: SchedulerConfig) -> float:
@@ -117,12 +108,11 @@ def wheel_delay_s(wheel: WheelConfig, bus: BusConfig | None, scheduler: Schedule
 def imu_delay_s(imu: ImuConfig, scheduler: SchedulerConfig) -> float:
     """Return the longest delay [s] from validity to reading: group delay, sample, line, tick."""
     group_s = max(imu.gyro_group_delay_s, imu.acc_group_delay_s)
-    longest = IMU_BYTES.get(imu.driver, (0, 0))[1]  # no line: no bytes
-    line_s = (longest + CRLF_BYTES) * BITS_PER_BYTE / imu.baud_rate
+    line_s = imu_load(imu.model_copy(update={"crlf": True}))[1] / imu.rate_hz  # the longest
     return group_s + 1.0 / imu.rate_hz + line_s + 1.0 / scheduler.tick_rate_hz
 
 
 def star_tracker_delay_s(tracker: StarTrackerConfig, scheduler: SchedulerConfig) -> float:
     """Return the longest delay [s] from mid-exposure to reading: latency, line, tick."""
-    line_s = STAR_TRACKER_BYTES * BITS_PER_BYTE / tracker.baud_rate
+    line_s = star_tracker_load(tracker) / tracker.rate_hz
     return tracker.latency_s + line_s + 1.0 / scheduler.tick_rate_hz

@@ -17,7 +17,7 @@ from fsw.config import BusConfig, Config
 from fsw.config.devices import SAMPLES, minute_walk
 from fsw.config.keys import read_key
 from fsw.config.telemetry import BUS_SLOTS, JOINT_SLOTS
-from fsw.drivers.codecs.stim300 import GYRO_WIRE_RAD_S
+from fsw.drivers.codecs.entries import imu_codec
 from fsw.errors import ConfigError
 from fsw.estimators.model.problem import Problem
 
@@ -268,14 +268,17 @@ def _bus_faults(config: Config) -> list[str]:
 def _serial_faults(config: Config) -> list[str]:
     faults = []
     imu, tracker = config.imu, config.star_tracker
-    if imu.driver == "stim300" and imu.rate_hz not in budget.IMU_RATES_HZ:
-        rates = ", ".join(f"{rate:g}" for rate in budget.IMU_RATES_HZ)
-        faults.append(f"imu.rate_hz: {imu.rate_hz:g} must be one of {rates}")
-    if imu.driver == "stim300" and imu.max_rate_rad_s >= GYRO_WIRE_RAD_S:
-        faults.append(
-            f"imu.max_rate_rad_s: {imu.max_rate_rad_s:g} must be below {GYRO_WIRE_RAD_S:.4g}, the "
-            "most that the wire carries; a saturated reading would count as measured"
-        )
+    if imu.is_serial:
+        codec = imu_codec(imu)
+        if codec.rates_hz and imu.rate_hz not in codec.rates_hz:
+            rates = ", ".join(f"{rate:g}" for rate in codec.rates_hz)
+            faults.append(f"imu.rate_hz: {imu.rate_hz:g} must be one of {rates}")
+        if imu.max_rate_rad_s >= codec.max_rate_rad_s:
+            faults.append(
+                f"imu.max_rate_rad_s: {imu.max_rate_rad_s:g} must be below "
+                f"{codec.max_rate_rad_s:.4g}, the most that the wire carries; a saturated reading "
+                "would count as measured"
+            )
     shortest = budget.imu_load(imu)[0]
     if shortest > FULL_LOAD:
         faults.append(

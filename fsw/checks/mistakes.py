@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from fsw.checks.trial import ACCELEROMETER, GYRO, Trial
 from fsw.config import Config
-from fsw.drivers.codecs.stim300 import STANDARD_GRAVITY_M_S2
+from fsw.drivers.codecs.imu_datagram import STANDARD_GRAVITY_M_S2
 from fsw.estimators.rotation import rotation_from_xyzw
 from fsw.messages import FloatArray
 

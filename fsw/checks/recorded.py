@@ -7,12 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from fsw.checks.budget import IMU_RATES_HZ
 from fsw.checks.comparison import Comparison
 from fsw.checks.noise import noise_findings
 from fsw.checks.trial import joined, unwrapped
 from fsw.config import Config
 from fsw.config.devices import SAMPLES
+from fsw.drivers.codecs.entries import imu_codec
 from fsw.messages import ChannelWindow, FloatArray, Window
 
 RATE_TOLERANCE, RATE_SIGMAS = 0.02, 4.0
@@ -124,7 +124,7 @@ def rate_findings(
     imu = config.imu
     if imu.present:
         accepted = _rate("imu.rate_hz", imu.rate_hz, [window.gyro for window in windows])
-        rates_hz = IMU_RATES_HZ if imu.driver == "stim300" else ()
+        rates_hz = imu_codec(imu).rates_hz if imu.is_serial else ()
         doubled = _compared("imu.rate_hz", imu.rate_hz, received_hz, rates_hz=rates_hz)
         found.append(doubled if received_hz > DOUBLED * imu.rate_hz else accepted)
     tracker = config.star_tracker

@@ -8,6 +8,7 @@ EXAMPLES = {
     "ctl": "fsw ctl robot.yaml run-batch method=fused last_s=60",
     "install-service": "fsw install-service robot.yaml --user fsw",
     "init": "fsw init arm.urdf --tool gripper --unknown target --imu stim300 --out robot.yaml",
+    "devices": "fsw devices",
     "schema": "fsw schema",
     "export": "fsw export result.json --format urdf --out target.urdf",
     "check": "fsw check robot.yaml recording.mcap",

@@ -1,22 +1,52 @@
-"""The library of named devices of `fsw init`, in devices.yaml."""
+"""The library of named devices of `fsw init`: those of the codecs, and those in devices.yaml."""
 
 from collections.abc import Mapping
 from difflib import get_close_matches
 from functools import lru_cache
+from importlib.metadata import EntryPoint
 from importlib.resources import files
 from typing import Any
 
 import yaml
 
+from fsw.drivers.codecs.entries import GROUPS, codec_class, installed, options_of, origin
 from fsw.errors import ConfigError
 
 
 @lru_cache(maxsize=1)
 def library() -> dict[str, dict[str, dict[str, Any]]]:
-    """Return the data of the devices in devices.yaml, by kind and name."""
+    """Return the data of the devices of all codecs and of devices.yaml, by kind and name."""
     text = (files("fsw.commands") / "devices.yaml").read_text(encoding="utf-8")
-    found: dict[str, dict[str, dict[str, Any]]] = yaml.safe_load(text)
+    found: dict[str, dict[str, dict[str, Any]]] = {kind: {} for kind in GROUPS}
+    for entry, kind, codec in offered():
+        if isinstance(codec, type):
+            units: Mapping[str, Mapping[str, Any]] = getattr(codec, "devices", {})
+            found[kind] |= {name: {**unit, "driver": entry.name} for name, unit in units.items()}
+    for kind, devices in yaml.safe_load(text).items():
+        found[kind] = found.get(kind, {}) | devices
     return found
+
+
+def offered() -> list[tuple[EntryPoint, str, type | ConfigError]]:
+    """Return every installed codec: entry point, kind, and its class or why it has none."""
+    found: list[tuple[EntryPoint, str, type | ConfigError]] = []
+    for kind in GROUPS:
+        for entry in installed(kind):
+            try:
+                found.append((entry, kind, codec_class(kind, entry.name)))
+            except ConfigError as error:
+                found.append((entry, kind, error))
+    return found
+
+
+def codec_listing() -> str:
+    """Return lines for each installed codec: what it reads, its options, and where it is from."""
+    lines = []
+    for entry, kind, codec in offered():
+        lines.append(f"{kind} {entry.name}: {getattr(codec, 'title', codec)}; {origin(entry)}")
+        if isinstance(codec, type):
+            lines += [f"  {option}" for option in map(str, options_of(codec).values())]
+    return "\n".join(lines)
 
 
 def listing() -> str:

@@ -35,7 +35,7 @@ from fsw.commands.init_noise import (
     sizes_of,
 )
 from fsw.drivers.codecs.canopen import COB_SYNC, COB_TPDO1, NODE_MASK
-from fsw.drivers.codecs.stim300 import STANDARD_GRAVITY_M_S2
+from fsw.drivers.codecs.imu_datagram import STANDARD_GRAVITY_M_S2
 from fsw.drivers.ports.can_log import read_can_log
 from fsw.errors import ConfigError, cut
 from fsw.estimators.model.robot import RobotModel

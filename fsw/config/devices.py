@@ -51,6 +51,8 @@ from fsw.errors import brief
 
 MAX_ANGLE_RAD = tau  # of a mounting; larger angles are probably in degrees
 MOST_GYRO_ERROR = 0.2  # of an entry of gyro_matrix; a larger error is a wrong unit or mounting
+Driver = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.]+(:[A-Za-z0-9_.]+)?$", max_length=200)]
+NONE = "none"  # stands for a device that the robot does not have
 SAMPLES = "samples"  # values that another program decoded: of a feed, or in recordings only
 LINES = ("imu", "star_tracker")
 
@@ -386,9 +388,8 @@ def _quaternion(angles: Sequence[float]) -> list[float]:
 class ImuConfig(Section):
     """The inertial unit. For white noise of random walk N, 1 sigma of a sample is N sqrt(rate)."""
 
-    driver: Literal["stim300", "mip", "samples", "none"] = (
-        "stim300"  # none: there is no unit; samples: see SAMPLES
-    )
+    driver: Driver = "stim300"  # none: there is no unit; samples: see SAMPLES
+    options: dict[str, Any] = Field(default_factory=dict)  # of the codec, see `fsw devices`
     port: str | None = None  # a replay does not need it
     bus: str | None = None  # of driver samples: the feed
     baud_rate: int = Field(default=921600, gt=0)
@@ -427,13 +428,18 @@ class ImuConfig(Section):
     @property
     def present(self) -> bool:
         """Whether the robot has an inertial unit."""
-        return self.driver != "none"
+        return self.driver != NONE
+
+    @property
+    def is_serial(self) -> bool:
+        """Whether the unit sends bytes on a line, so that a codec reads them."""
+        return self.driver not in (NONE, SAMPLES)
 
 
 def no_imu() -> ImuConfig:
     """Return the section for a robot without inertial unit, without states of the unit."""
     return ImuConfig(
-        driver="none",
+        driver=NONE,
         rate_hz=500.0,
         mounting=Mounting(p_BS_m=(0.0, 0.0, 0.0), q_BS_xyzw=(0.0, 0.0, 0.0, 1.0)),
         gyro_group_delay_s=0.0,
@@ -450,7 +456,8 @@ def no_imu() -> ImuConfig:
 class StarTrackerConfig(Section):
     """The star tracker. `rotation` states the sense of its quaternion; confirm it by a test."""
 
-    driver: Literal["sagitta", "samples"] = "sagitta"
+    driver: Driver = "sagitta"
+    options: dict[str, Any] = Field(default_factory=dict)  # of the codec, see `fsw devices`
     port: str | None = None
     bus: str | None = None  # of driver samples: the feed
     baud_rate: int = Field(default=115200, gt=0)

@@ -9,7 +9,7 @@ from typing import Any
 from fsw.clock import Clock
 from fsw.config import BusConfig, Config
 from fsw.drivers.codecs import canopen
-from fsw.drivers.codecs.sagitta import SOLUTION_ID, encode_subscribe
+from fsw.drivers.codecs.entries import star_tracker_codec
 from fsw.drivers.sources.bus_selection import BusSelector
 from fsw.drivers.wire import FramePort
 from fsw.exchange.sinks import IMU, STAR_TRACKER, Sink
@@ -45,7 +45,8 @@ def build(
         lines.append(LineInput(IMU, Link(IMU, ports.imu, openers.get(IMU))))
     if config.star_tracker is not None and config.star_tracker.bus is None:
         link = Link(STAR_TRACKER, ports.star_tracker, openers.get(STAR_TRACKER))
-        start = encode_subscribe((SOLUTION_ID,)) if config.star_tracker.subscribe else b""
+        subscribes = config.star_tracker.subscribe
+        start = star_tracker_codec(config.star_tracker).start() if subscribes else b""
         lines.append(LineInput(STAR_TRACKER, link, start))
     return Loop(config, clock, sink, Inputs(buses, lines, clock, sink), deadline_ns, more)
 

@@ -1,25 +1,28 @@
 """The simulated inertial unit: samples on its own clock, datagrams on a serial line."""
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.devices import stim300
+from hil.devices.imu_wire import Batch, wire_of
 from hil.devices.truth_clock import ClampedHistory, TruthClock
 from hil.devices.uart import SerialLine, TimedBytes
 from hil.world.sensor_config import ImuSensorConfig
 from hil.world.sensors import ImuErrors, angular_rate, generator, rotation_of, specific_force
 
+FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BATCH = 128
 BATCH_S = 0.25
-GYRO_DEGC, ACC_DEGC = 25.0, 24.0
 
 
 class Imu:
     """Inertial unit that samples on its own clock and sends `latency_s` after each sample.
 
     Datagram n holds the rate at the sample instant less the gyro's group delay, and the specific
-    force at the sample instant less the accelerometer's. `truth_ns` returns both times exactly.
+    force at the sample instant less the accelerometer's. A cluster that averages holds the mean of
+    the period before this instant. `truth_ns` returns both times of validity exactly.
     """
 
     def __init__(
@@ -30,8 +33,7 @@ class Imu:
         seed: int,
         t0_ns: int,
     ) -> None:
-        if stim300.INTERNAL_RATE_HZ % config.rate_hz:
-            raise ValueError(f"sensors.imu.rate_hz: must divide 2000 (value: {config.rate_hz})")
+        self._wire = wire_of(config)
         rng = generator(seed, "imu", 0, 3)
         self.clock_error_ppm = float(rng.uniform(-1.0, 1.0)) * config.clock_error_ppm
         self._period_ns = 1e9 / config.rate_hz * (1.0 + 1e-6 * self.clock_error_ppm)
@@ -52,7 +54,7 @@ class Imu:
         self._next = 0
         seconds = min(BATCH_S, clock.start_delay_s)
         self._batch = max(1, min(BATCH, int(seconds * config.rate_hz)))
-        length = stim300.layout_of(config.datagram_id).length + 2 * config.crlf
+        length = self._wire.length
         budget_s = 1.0 / config.rate_hz - config.latency_jitter_s
         if length * 10 / config.baud_rate >= budget_s:
             raise ValueError(
@@ -67,15 +69,21 @@ class Imu:
 
     def truth_ns(self, n: IntArray) -> tuple[IntArray, IntArray]:
         """Return the true times of validity [ns] of datagrams n: gyro, accelerometer."""
-        sample = self.sample_ns(n)
-        gyro = sample - round(self._config.gyro_group_delay_s * 1e9)
-        return gyro, sample - round(self._config.acc_group_delay_s * 1e9)
+        config, sample = self._config, self.sample_ns(n)
+        delays_s = (config.gyro_group_delay_s, config.acc_group_delay_s)
+        gyro_ns, acc_ns = (
+            round(delay_s * 1e9 + 0.5 * averages * self._period_ns)
+            for delay_s, averages in zip(delays_s, self._wire.averages, strict=True)
+        )
+        return sample - gyro_ns, sample - acc_ns
 
     def times(self) -> dict[str, float]:
-        """Return the sampling clock: time of datagram 0, period, first counter, clock error."""
+        """Return the sampling clock and how much earlier than a sample its rate is valid."""
+        gyro_ns, _ = self.truth_ns(np.array([0]))
         return {
             "t0_ns": self._t0_ns,
             "period_ns": self._period_ns,
+            "gyro_delay_ns": int(self.sample_ns(np.array([0]))[0] - gyro_ns[0]),
             "counter0": self._counter0,
             "clock_error_ppm": self.clock_error_ppm,
         }
@@ -107,26 +115,39 @@ class Imu:
         gyro_ns, acc_ns = self.truth_ns(n)
         sample_ns = self.sample_ns(n)
         errors = self.errors.next(len(n))
-        gyro_state = self._history.at(self._clock.seconds(gyro_ns))
-        acc_state = self._history.at(self._clock.seconds(acc_ns))
         jitter_s = config.latency_jitter_s * self._jitter.random(len(n))
         latency_us = np.rint((config.latency_s + jitter_s) * 1e6).astype(np.int64)
-        per_datagram = stim300.INTERNAL_RATE_HZ // config.rate_hz
-        starting = n < config.startup_s * config.rate_hz
-        shape = (len(n), 3)
-        rate = angular_rate(gyro_state, self._R_BS)
-        force = specific_force(acc_state, config.p_BS_m, self._R_BS, config.acceleration)
-        samples = stim300.Measurements(
+        rate, force = self._measured(gyro_ns, acc_ns)
+        batch = Batch(
+            number=n,
+            counter0=self._counter0,
+            period_s=1.0 / config.rate_hz,
             w_NS_S_rad_s=rate @ self._gyro_reads + errors[:, :3],
             f_NS_S_m_s2=force + errors[:, 3:],
-            inclination_g=np.zeros(shape),
-            gyro_temperature_degc=np.full(shape, GYRO_DEGC),
-            acc_temperature_degc=np.full(shape, ACC_DEGC),
-            incl_temperature_degc=np.full(shape, ACC_DEGC),
-            counter=self._counter0 + n * per_datagram,
             latency_us=latency_us,
-            status=np.where(starting, stim300.STATUS_STARTUP, 0),
+            starting=n < config.startup_s * config.rate_hz,
         )
-        blocks = stim300.encode(config.datagram_id, samples, config.acc_range_g, crlf=config.crlf)
-        self.line.send((sample_ns + latency_us * 1000).tolist(), blocks)
+        self.line.send((sample_ns + latency_us * 1000).tolist(), self._wire.encode(batch))
         self.line.complete(self._first_possible_ns())
+
+    def _measured(self, gyro_ns: IntArray, acc_ns: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Return rates and specific forces (k, 3) valid at these times, means where averaged."""
+        config, half_ns = self._config, round(0.5 * self._period_ns)
+
+        def rate(t_ns: IntArray) -> FloatArray:
+            return angular_rate(self._history.at(self._clock.seconds(t_ns)), self._R_BS)
+
+        def force(t_ns: IntArray) -> FloatArray:
+            state = self._history.at(self._clock.seconds(t_ns))
+            return specific_force(state, config.p_BS_m, self._R_BS, config.acceleration)
+
+        def mean(of: Callable[[IntArray], FloatArray], t_ns: IntArray) -> FloatArray:
+            """Return the mean over the period around the times, by Simpson's rule."""
+            sides = of(t_ns - half_ns) + of(t_ns + half_ns)
+            return np.asarray((sides + 4.0 * of(t_ns)) / 6.0)
+
+        averages = self._wire.averages
+        return (
+            mean(rate, gyro_ns) if averages[0] else rate(gyro_ns),
+            mean(force, acc_ns) if averages[1] else force(acc_ns),
+        )

@@ -7,10 +7,15 @@ with the flight decoder.
 
 import math
 import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+from hil.devices.imu_wire import Batch
+from hil.world.sensor_config import ImuSensorConfig
 
 FloatArray = NDArray[np.float64]
 ByteArray = NDArray[np.uint8]
@@ -20,6 +25,7 @@ RATE_LSB_RAD_S = math.radians(2.0**-14)
 ACC_LSB_G = {5: 2.0**-20, 10: 2.0**-19, 30: 2.0**-18, 80: 2.0**-16}
 TEMPERATURE_LSB_DEGC = 2.0**-8
 STATUS_STARTUP = 0x40
+GYRO_DEGC, ACC_DEGC = 25.0, 24.0
 _PLAIN = (0x90, 0x91, 0x92, 0x93)
 _TEMPERATURE = (0x94, 0xA5, 0xA6, 0xA7)
 _PPS = (0xF0, 0xF1, 0xF2, 0xF3, 0xF4, 0xF5, 0xF6, 0xF7)
@@ -114,3 +120,34 @@ def encode(
     tail = b"\r\n" if crlf else b""
     rows = (row.tobytes() for row in body)
     return [row + crc32_mpeg2(row + padding).to_bytes(4, "big") + tail for row in rows]
+
+
+class Wire:
+    """Wire format of a STIM300."""
+
+    driver: ClassVar[str] = "stim300"
+    has_latency = True
+    averages = (False, False)
+    options: Mapping[str, Any] = {}
+
+    def __init__(self, config: ImuSensorConfig) -> None:
+        if INTERNAL_RATE_HZ % config.rate_hz:
+            raise ValueError(f"sensors.imu.rate_hz: must divide 2000 (value: {config.rate_hz})")
+        self._config = config
+        self.length = layout_of(config.datagram_id).length + 2 * config.crlf
+
+    def encode(self, batch: Batch) -> list[bytes]:
+        """Return one datagram for each sample."""
+        config, shape = self._config, batch.w_NS_S_rad_s.shape
+        samples = Measurements(
+            w_NS_S_rad_s=batch.w_NS_S_rad_s,
+            f_NS_S_m_s2=batch.f_NS_S_m_s2,
+            inclination_g=np.zeros(shape),
+            gyro_temperature_degc=np.full(shape, GYRO_DEGC),
+            acc_temperature_degc=np.full(shape, ACC_DEGC),
+            incl_temperature_degc=np.full(shape, ACC_DEGC),
+            counter=batch.counter0 + batch.number * (INTERNAL_RATE_HZ // config.rate_hz),
+            latency_us=batch.latency_us,
+            status=np.where(batch.starting, STATUS_STARTUP, 0),
+        )
+        return encode(config.datagram_id, samples, config.acc_range_g, crlf=config.crlf)

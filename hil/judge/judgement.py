@@ -117,10 +117,9 @@ def time_of_validity(setup: Setup, recorded: Recorded) -> dict[str, float] | Non
     t_gyro_ns = source.feed(recorded.imu_chunks).t_gyro_ns
     if not t_gyro_ns.size:
         return None
-    imu = setup.config.imu
     t0_ns, period_ns = recorded.imu_times["t0_ns"], recorded.imu_times["period_ns"]
     estimated = t_gyro_ns[t_gyro_ns > t_gyro_ns[0] + VALIDITY_FROM_S * 1e9].astype(float)
-    instant = estimated - t0_ns + imu.gyro_group_delay_s * 1e9
+    instant = estimated - t0_ns + recorded.imu_times["gyro_delay_ns"]
     error_s = (instant - np.rint(instant / period_ns) * period_ns) * 1e-9
     if error_s.size == 0:
         return None

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from hil.devices.imu_wire import wire_of
 from hil.judge.bound import Sensors
 from hil.world.noise import BandLimitedWhiteNoise
 from hil.world.scenario import Scenario, ScenarioError
@@ -190,15 +191,22 @@ def imu_section(sensors: SensorConfig, folder: Path) -> dict[str, Any]:
     imu = sensors.imu
     if imu is None:
         raise ScenarioError("sensors.imu: missing; only a clamped base does without one")
+    try:
+        wire = wire_of(imu)
+    except ValueError as error:
+        raise ScenarioError(str(error)) from error
+    wait_s = 0.0 if wire.has_latency else imu.latency_s  # declared where no datagram has it
     return {
+        "driver": wire.driver,
+        "options": dict(wire.options),
         "port": str(folder.absolute() / "imu"),
         "baud_rate": imu.baud_rate,
         "rate_hz": float(imu.rate_hz),
         "crlf": imu.crlf,
         "acc_range_g": imu.acc_range_g,
         "mounting": {"p_BS_m": list(imu.p_BS_m), "q_BS_xyzw": list(imu.q_BS_xyzw)},
-        "gyro_group_delay_s": imu.gyro_group_delay_s,
-        "acc_group_delay_s": imu.acc_group_delay_s,
+        "gyro_group_delay_s": imu.gyro_group_delay_s + wait_s,
+        "acc_group_delay_s": imu.acc_group_delay_s + wait_s,
         "angle_random_walk_rad_sqrt_s": _gyro_sigma(imu) / math.sqrt(imu.rate_hz),
         "velocity_random_walk_m_s_sqrt_s": _acc_sigma(imu) / math.sqrt(imu.rate_hz),
         "gyro_bias_S_rad_s": list(imu.gyro_bias_S_rad_s),

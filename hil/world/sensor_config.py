@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from pydantic import ConfigDict, TypeAdapter, model_validator
@@ -138,6 +139,8 @@ class ImuSensorConfig:
     gyro_matrix: tuple[Vector3, Vector3, Vector3] = EYE  # the rate of a reading without bias
     rate_hz: int = 500
     baud_rate: int = 921600
+    device: str = "stim300"  # module of its wire format, in hil.devices unless a path
+    device_options: Mapping[str, Any] = field(default_factory=dict)  # settings of that device
     datagram_id: int = 0xA5
     crlf: bool = False
     acc_range_g: Literal[5, 10, 30, 80] = 10

@@ -39,7 +39,7 @@ from fsw.commands.importing.stamps import judged
 from fsw.commands.importing.tables import Parts, Table
 from fsw.commands.importing.usable import usable
 from fsw.config import Config
-from fsw.drivers.codecs.stim300 import STANDARD_GRAVITY_M_S2
+from fsw.drivers.codecs.imu_datagram import STANDARD_GRAVITY_M_S2
 from fsw.drivers.sources.samples import (
     FORCE,
     FORCE_N,

@@ -6,7 +6,7 @@ a frame: `CRC` if they looked like a frame, `SYNC` if they did not.
 """
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -23,6 +23,33 @@ class Matcher(Protocol):
     def match(self, data: bytearray, start: int) -> int:
         """Return the length of the frame at `start`; 0 if it is incomplete, -1 if none is there."""
         ...
+
+
+def find_sync(data: bytearray, sync: bytes, start: int) -> int:
+    """Return the place of the next sync bytes, or of their first ones at the end of the data."""
+    at = data.find(sync, start)
+    if at >= 0:
+        return at
+    parts = (k for k in range(len(sync) - 1, 0, -1) if data.endswith(sync[:k]))
+    return max(start, len(data) - next(parts, 0))
+
+
+class FixedMatcher:
+    """Framing by sync bytes, one length and a check of the whole frame."""
+
+    def __init__(self, sync: bytes, length: int, is_intact: Callable[[bytes], bool]) -> None:
+        self._sync, self._length, self._is_intact = sync, length, is_intact
+
+    def search(self, data: bytearray, start: int) -> int:
+        """Return the place of the next sync bytes."""
+        return find_sync(data, self._sync, start)
+
+    def match(self, data: bytearray, start: int) -> int:
+        """Return the length of the frame at `start`; 0 if it is incomplete, -1 if none is there."""
+        end = start + self._length
+        if len(data) < end:
+            return 0
+        return self._length if self._is_intact(bytes(data[start:end])) else -1
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,8 +1,9 @@
-"""The datagram that the codec of every inertial unit hands to its source."""
+"""What the codec of an inertial unit is, and the datagram that it hands to its source."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,18 +13,26 @@ from fsw.drivers.wire import ByteChunk, Reject
 from fsw.messages import FloatArray
 
 Vector3 = tuple[float, float, float]
+STANDARD_GRAVITY_M_S2 = 9.80665
 
 
 @dataclass(frozen=True, slots=True)
 class ImuDatagram:
-    """One datagram in SI units and sensor axes; None: a cluster is absent or unusable."""
+    """One datagram in SI units and sensor axes; None: a cluster is absent or unusable.
+
+    An interval is the time over which the unit averaged the values, which ends when the device
+    time was read. 0: the values are of that instant. None: they are increments (rad, m/s) of one
+    step of the counter; the source divides them by this step.
+    """
 
     counter: int  # device time [ticks], modulo the codec's modulus
     latency_s: float  # from validity to the first byte on the wire, group delay not included
     w_NS_S_rad_s: Vector3 | None
     f_NS_S_m_s2: Vector3 | None
-    gyro_status: int
-    acc_status: int
+    gyro_status: int = 0  # bits of the device; other than 0: not as usual
+    acc_status: int = 0
+    gyro_interval_s: float | None = 0.0
+    acc_interval_s: float | None = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,9 +48,20 @@ class ImuRun:
 
 
 class ImuCodec(Protocol):
-    """A stream codec of an inertial unit whose datagrams carry the unit's own time."""
+    """A stream codec of an inertial unit whose datagrams carry the unit's own time.
 
+    A codec inherits what it does not state. The parameters of `__init__` are its options: those
+    named as a key of the section `imu` get this key's value, others are keys of `imu.options`.
+    """
+
+    title: ClassVar[str]  # the device, in a few words
+    devices: ClassVar[Mapping[str, Mapping[str, Any]]] = {}  # figures of units for `fsw init`
+    rates_hz: Sequence[float] = ()  # rates that the device offers; empty: any
+    max_rate_rad_s: float = math.inf  # the wire carries no faster rate
+    start_up_bits: int = 0  # of a status: the device is starting
+    overload_bits: int = 0  # of a status: the value was out of the device's range
     framer: Framer
+    frame_bytes: tuple[int, int]  # shortest datagram with both clusters, longest datagram
     tick_s: float  # one tick of the device's counter [s]
     modulus: int  # the counter wraps here
 
@@ -51,8 +71,14 @@ class ImuCodec(Protocol):
 
     def lacks(self) -> str:
         """Return words on the data that no frame has had so far; empty: none is missing."""
-        ...
+        return ""
 
-    def run(self, chunks: Sequence[ByteChunk]) -> ImuRun | None:
+    def run(self, chunks: Sequence[ByteChunk]) -> ImuRun | None:  # noqa: ARG002
         """Decode leading chunks of usable datagrams without feeding them; None if none."""
-        ...
+        return None
+
+
+def scaled(values: Sequence[float], scale: float) -> Vector3:
+    """Return three values times a scale."""
+    x, y, z = values
+    return (x * scale, y * scale, z * scale)

@@ -6,20 +6,55 @@ its length (which counts the length and descriptor bytes too), its descriptor an
 
 import math
 import struct
-from collections.abc import Sequence
+from collections.abc import Mapping
+from typing import Any
 
-from fsw.drivers.codecs.framing import Frame, Framer
-from fsw.drivers.codecs.imu_datagram import ImuDatagram, Vector3
-from fsw.drivers.wire import ByteChunk, Reject
+from fsw.drivers.codecs.framing import Frame, Framer, find_sync
+from fsw.drivers.codecs.imu_datagram import (
+    STANDARD_GRAVITY_M_S2,
+    ImuCodec,
+    ImuDatagram,
+    Vector3,
+)
+from fsw.drivers.wire import Reject
 
 SYNC = b"\x75\x65"
 SET_SENSOR_DATA = 0x80
 FIELD_ACCELERATION = 0x04  # [g], 3 floats
 FIELD_RATE = 0x05  # [rad/s], 3 floats
 FIELD_REFERENCE_TIME = 0xD5  # u64 [ns]
-STANDARD_GRAVITY_M_S2 = 9.80665
 MAX_PAYLOAD_BYTES = 128  # longer packets are configuration replies, never requested here
 _OVERHEAD = 6
+DEVICES: Mapping[str, Mapping[str, Any]] = {
+    "3dm_gx5": {
+        "title": "MicroStrain 3DM-GX5",
+        "source": "data sheet from memory (0.005 deg/s/sqrt(Hz), 25 ug/sqrt(Hz)); delays not "
+        "known, measure them",
+        "verified": False,
+        "rate_hz": 500.0,
+        "baud_rate": 921600,
+        "gyro_group_delay_s": 3.0e-3,
+        "acc_group_delay_s": 3.0e-3,
+        "angle_random_walk_rad_sqrt_s": 8.73e-5,
+        "velocity_random_walk_m_s_sqrt_s": 2.45e-4,
+        "gyro_bias_sigma_rad_s": 7.0e-4,
+        "acc_bias_sigma_m_s2": 2.0e-2,
+    },
+    "3dm_cv7": {
+        "title": "MicroStrain 3DM-CV7",
+        "source": "data sheet from memory (0.0032 deg/s/sqrt(Hz), 25 ug/sqrt(Hz)); delays not "
+        "known, measure them",
+        "verified": False,
+        "rate_hz": 500.0,
+        "baud_rate": 921600,
+        "gyro_group_delay_s": 3.0e-3,
+        "acc_group_delay_s": 3.0e-3,
+        "angle_random_walk_rad_sqrt_s": 5.6e-5,
+        "velocity_random_walk_m_s_sqrt_s": 2.45e-4,
+        "gyro_bias_sigma_rad_s": 7.0e-4,
+        "acc_bias_sigma_m_s2": 2.0e-2,
+    },
+}
 _FLOATS = struct.Struct(">3f")
 _TIME = struct.Struct(">Q")
 
@@ -37,11 +72,8 @@ class MipMatcher:
     """Finds packets by sync bytes, length and checksum."""
 
     def search(self, data: bytearray, start: int) -> int:
-        """Return the place of the next sync bytes, or of a first sync byte at the end."""
-        at = data.find(SYNC, start)
-        if at >= 0:
-            return at
-        return len(data) - 1 if data[-1] == SYNC[0] else len(data)
+        """Return the place of the next sync bytes."""
+        return find_sync(data, SYNC, start)
 
     def match(self, data: bytearray, start: int) -> int:
         """Return the length of the packet at `start`; 0 if it is incomplete, -1 if none."""
@@ -61,9 +93,12 @@ def _listed(descriptors: set[int]) -> str:
     return " ".join(f"0x{descriptor:02x}" for descriptor in sorted(descriptors)) or "nothing"
 
 
-class MipCodec:
+class MipCodec(ImuCodec):
     """Stream codec: `framer` finds packets, `decode` turns one into an `ImuDatagram`."""
 
+    title = "MicroStrain 3DM units, MIP sensor data"
+    devices = DEVICES
+    frame_bytes = (44, MAX_PAYLOAD_BYTES + _OVERHEAD)  # only rate, acceleration and time; any
     tick_s = 1e-9
     modulus = 2**64
 
@@ -127,7 +162,4 @@ class MipCodec:
             return Reject.STALE
         if rate is None and force is None:
             return None
-        return ImuDatagram(time_ns, 0.0, rate, force, 0, 0)
-
-    def run(self, chunks: Sequence[ByteChunk]) -> None:
-        """Return None: packets have no fixed length."""
+        return ImuDatagram(time_ns, 0.0, rate, force)

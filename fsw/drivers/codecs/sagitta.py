@@ -5,10 +5,13 @@
 
 import math
 import struct
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from xxhash import xxh32_intdigest
 
+from fsw.drivers.codecs.attitude_datagram import AttitudeDatagram, StarTrackerCodec
 from fsw.drivers.codecs.framing import Framer
 from fsw.drivers.wire import Reject
 
@@ -27,7 +30,20 @@ _END, _ESCAPE, _ESCAPED_END, _ESCAPED_ESCAPE = 0xC0, 0xDB, 0xDC, 0xDD
 _HEADER = struct.Struct("<BBBBIQ")
 # attitude, confidence, tracking q, 3 counts, lost-in-space q, f32, u8, mode, valid, count, strategy
 _SOLUTION = struct.Struct("<4f f 4f 3B 4f f B B B I B")
-PLAIN_SOLUTION_BYTES = 2 + _HEADER.size + _SOLUTION.size + 4  # bytes on the wire without escapes
+_CHECKED_BYTES = _HEADER.size + _SOLUTION.size + 4  # of a solution between delimiters, unescaped
+DEVICES: Mapping[str, Mapping[str, Any]] = {
+    "sagitta": {
+        "title": "arcsec Sagitta",
+        "source": "data sheet from memory (2 arcsec across, 10 arcsec about the boresight); "
+        "latency not known, measure it",
+        "verified": False,
+        "rate_hz": 5.0,
+        "baud_rate": 115200,
+        "latency_s": 0.1,
+        "noise_across_rad": 9.7e-6,
+        "noise_about_rad": 4.85e-5,
+    }
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,14 +58,12 @@ class Telemetry:
     body: bytes
 
 
-@dataclass(frozen=True, slots=True)
-class Solution:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Solution(AttitudeDatagram):
     """Attitude solution as the unit gives it: quaternions w x y z, inertial to tracker."""
 
     status: int
     ticks: int
-    unix_us: int
-    q_wxyz: tuple[float, float, float, float]
     confidence: float  # lower is better
     q_tracking_wxyz: tuple[float, float, float, float]
     stars_removed: int
@@ -176,11 +190,19 @@ class SlipMatcher:
         return -1 if isinstance(payload, Reject) else end + 1 - start
 
 
-class SagittaCodec:
+class SagittaCodec(StarTrackerCodec):
     """Stream codec: `framer` finds frames, `decode` gives a `Solution` or other telemetry."""
+
+    title = "arcsec Sagitta"
+    devices = DEVICES
+    frame_bytes = (2 + _CHECKED_BYTES, 2 + 2 * _CHECKED_BYTES)  # without escapes; all are escaped
 
     def __init__(self) -> None:
         self.framer = Framer(SlipMatcher())
+
+    def start(self) -> bytes:
+        """Return the subscription to solutions."""
+        return encode_subscribe((SOLUTION_ID,))
 
     def decode(self, frame: bytes) -> Solution | Telemetry | Reject:
         """Decode a frame that the framer has checked; only solutions are decoded in full."""

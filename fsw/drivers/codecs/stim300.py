@@ -7,23 +7,28 @@ unit sends one kind), until 1024 bytes held none.
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
 from fastcrc import crc32
 from numpy.typing import NDArray
 
 from fsw.drivers.codecs.framing import Frame, Framer
-from fsw.drivers.codecs.imu_datagram import ImuDatagram, ImuRun, Vector3
+from fsw.drivers.codecs.imu_datagram import (
+    STANDARD_GRAVITY_M_S2,
+    ImuCodec,
+    ImuDatagram,
+    ImuRun,
+    Vector3,
+)
 from fsw.drivers.wire import ByteChunk, Reject
 from fsw.messages import FloatArray
 
-STANDARD_GRAVITY_M_S2 = 9.80665  # the data sheet's g
 TICK_S = 1 / 2000  # the counter counts internal samples
 COUNTER_MODULUS = 256
 GYRO_SCALE_RAD_S = math.radians(2.0**-14)
-GYRO_WIRE_RAD_S = 2**23 * GYRO_SCALE_RAD_S  # a faster rate is sent as just below this
 ACC_SCALE_M_S2 = {
     range_g: STANDARD_GRAVITY_M_S2 * 2.0**-bits
     for range_g, bits in ((5, 20), (10, 19), (30, 18), (80, 16))
@@ -40,6 +45,37 @@ STATUS_OVERLOAD = 0x10
 STATUS_CHANNEL_ERROR = 0x08
 STATUS_UNUSABLE = STATUS_INTEGRITY | STATUS_START_UP | STATUS_OVERLOAD | STATUS_CHANNEL_ERROR
 
+DEVICES: Mapping[str, Mapping[str, Any]] = {
+    "stim300": {
+        "title": "Sensonor STIM300, 10 g",
+        "source": "data sheet TS1524 as quoted by navtk::filtering::stim300_model (0.15 "
+        "deg/sqrt(h), 0.06 m/s/sqrt(h), bias 4 deg/h and 0.75 mg); delays are an assumption, "
+        "measure them",
+        "verified": False,
+        "rate_hz": 500.0,
+        "baud_rate": 921600,
+        "gyro_group_delay_s": 2.2e-3,
+        "acc_group_delay_s": 6.3e-3,
+        "angle_random_walk_rad_sqrt_s": 4.36e-5,
+        "velocity_random_walk_m_s_sqrt_s": 1.0e-3,
+        "gyro_bias_sigma_rad_s": 2.0e-5,
+        "acc_bias_sigma_m_s2": 1.0e-2,
+    },
+    "stim318": {
+        "title": "Sensonor STIM318",
+        "source": "data sheet TS1747 from memory (0.15 deg/sqrt(h), 0.015 m/s/sqrt(h)); delays "
+        "taken from the STIM300",
+        "verified": False,
+        "rate_hz": 500.0,
+        "baud_rate": 921600,
+        "gyro_group_delay_s": 2.2e-3,
+        "acc_group_delay_s": 6.3e-3,
+        "angle_random_walk_rad_sqrt_s": 4.36e-5,
+        "velocity_random_walk_m_s_sqrt_s": 2.5e-4,
+        "gyro_bias_sigma_rad_s": 1.5e-5,
+        "acc_bias_sigma_m_s2": 1.0e-2,
+    },
+}
 _SETS = ("g", "ga", "gi", "gai")  # clusters: gyro, accelerometer, inclinometer
 
 
@@ -214,15 +250,25 @@ class StimMatcher:
         return length
 
 
-class Stim300Codec:
+class Stim300Codec(ImuCodec):
     """Stream codec: `framer` finds datagrams, `decode` turns one into an `ImuDatagram`."""
 
+    title = "Safran/Sensonor STIM300 and STIM318, normal mode"
+    devices = DEVICES
+    rates_hz = (125.0, 250.0, 500.0, 1000.0, 2000.0)
+    max_rate_rad_s = 2**23 * GYRO_SCALE_RAD_S  # a faster rate is sent as just below this
+    start_up_bits = STATUS_START_UP
+    overload_bits = STATUS_OVERLOAD
     tick_s = TICK_S
     modulus = COUNTER_MODULUS
 
-    def __init__(self, acc_range_g: int, crlf: bool) -> None:
+    def __init__(self, acc_range_g: Literal[5, 10, 30, 80] = 10, crlf: bool = False) -> None:
         self.framer = Framer(StimMatcher(crlf))
         self._tail = len(CR_LF) if crlf else 0
+        self.frame_bytes = (
+            min(layout.length for layout in LAYOUTS.values() if layout.acc) + self._tail,
+            max(layout.length for layout in LAYOUTS.values()) + self._tail,
+        )
         self._acc_scale = ACC_SCALE_M_S2[acc_range_g]
 
     def decode(self, frame: Frame) -> ImuDatagram | Reject:
@@ -242,10 +288,6 @@ class Stim300Codec:
             gyro_status,
             acc_status,
         )
-
-    def lacks(self) -> str:
-        """Return nothing: every datagram has a counter and rates."""
-        return ""
 
     def run(self, chunks: Sequence[ByteChunk]) -> ImuRun | None:
         """Decode the leading chunks of intact datagrams of one kind with status 0; else None."""

@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 
 from fsw.config import HealthConfig, ImuConfig
+from fsw.drivers.codecs.entries import imu_codec
 from fsw.drivers.codecs.framing import Frame
-from fsw.drivers.codecs.imu_datagram import ImuCodec, ImuDatagram, ImuRun, Vector3
-from fsw.drivers.codecs.mip import MipCodec
-from fsw.drivers.codecs.stim300 import (
+from fsw.drivers.codecs.imu_datagram import (
     STANDARD_GRAVITY_M_S2,
-    STATUS_OVERLOAD,
-    STATUS_START_UP,
-    Stim300Codec,
+    ImuCodec,
+    ImuDatagram,
+    ImuRun,
+    Vector3,
 )
 from fsw.drivers.sources.arrival import Arrival, ArrivalTracker
 from fsw.drivers.sources.clock_model import ClockModel
@@ -35,15 +35,6 @@ _Sample = tuple[tuple[int, int, int], Vector3, Vector3]  # times [ns], rate, spe
 _REFUSED = {Step.WRONG: Reject.SEQUENCE, Step.UNTRUE: Reject.RANGE}
 
 
-def make_codec(driver: str, acc_range_g: int, crlf: bool) -> ImuCodec:
-    """Return the codec of a driver; raise ValueError for an unknown driver."""
-    if driver == "stim300":
-        return Stim300Codec(acc_range_g, crlf)
-    if driver == "mip":
-        return MipCodec()
-    raise ValueError(f"imu.driver {driver!r}; must be stim300 or mip")
-
-
 class ImuSource:
     """One inertial unit.
 
@@ -61,7 +52,7 @@ class ImuSource:
     ) -> None:
         health = health or HealthConfig()
         if codec is None:
-            codec = make_codec(config.driver, config.acc_range_g, config.crlf)
+            codec = imu_codec(config)
         self._codec = codec
         self._arrivals = ArrivalTracker(config.baud_rate)
         self._clock = ClockModel(codec.tick_s, config.clock_tolerance_ppm)
@@ -70,6 +61,7 @@ class ImuSource:
         self._counts = Counters()
         self._rate_limit = config.max_rate_rad_s
         self._force_limit = config.acc_range_g * STANDARD_GRAVITY_M_S2
+        self._period_s = 1.0 / config.rate_hz
         self._latency_limit_s = max(MIN_LATENCY_LIMIT_S, 2.0 / config.rate_hz)
         self._gyro_delay_ns = config.gyro_group_delay_s * 1e9
         self._acc_delay_ns = config.acc_group_delay_s * 1e9
@@ -233,9 +225,13 @@ class ImuSource:
         return good
 
     def _is_in_range(self, datagram: ImuDatagram) -> bool:
+        gyro_s, acc_s = (
+            self._period_s if interval_s is None else 1.0  # of an increment
+            for interval_s in (datagram.gyro_interval_s, datagram.acc_interval_s)
+        )
         return (
-            _is_below(datagram.w_NS_S_rad_s, self._rate_limit)
-            and _is_below(datagram.f_NS_S_m_s2, self._force_limit)
+            _is_below(datagram.w_NS_S_rad_s, self._rate_limit * gyro_s)
+            and _is_below(datagram.f_NS_S_m_s2, self._force_limit * acc_s)
             and datagram.latency_s <= self._latency_limit_s
         )
 
@@ -269,7 +265,8 @@ class ImuSource:
             self._look_at_status(datagram, t_ns)
             self._counts.accepted += 1
             self._counts.accepted_bytes += length
-            self._group.append((arrivals.add(frame, n, delay_ns), datagram))
+            step_s = track.interval * self._codec.tick_s
+            self._group.append((arrivals.add(frame, n, delay_ns), _in_rates(datagram, step_s)))
         self._release(samples)
 
     def _doubt(self, step: Step, frame: Frame, counter: int) -> None:
@@ -282,11 +279,11 @@ class ImuSource:
         self._watch.find(t_ns, fault, f"counter {counter}")
 
     def _look_at_status(self, datagram: ImuDatagram, t_ns: int) -> None:
-        """Report clusters that their status makes unusable (STIM300 data sheet, 7.5.2.1)."""
+        """Report clusters that their status makes unusable."""
         gyro, acc = datagram.gyro_status, datagram.acc_status
         if not gyro | acc:
             return
-        if (gyro | acc) & STATUS_START_UP:
+        if (gyro | acc) & self._codec.start_up_bits:
             self._watch.find(t_ns, Fault.IMU_START_UP)
             return
         for status, value, overload, fault in (
@@ -294,7 +291,7 @@ class ImuSource:
             (acc, datagram.f_NS_S_m_s2, Fault.ACC_OVERLOAD, Fault.ACC_FAULT),
         ):
             if status and value is None:
-                found = overload if status & STATUS_OVERLOAD else fault
+                found = overload if status & self._codec.overload_bits else fault
                 self._watch.find(t_ns, found, f"status 0x{status:02x}")
 
     def _look_at_all(self, late_ns: FloatArray, t_ns: IntArray) -> None:
@@ -317,8 +314,9 @@ class ImuSource:
         for arrival, datagram in self._group:
             base_ns, sent_ns = arrival.t_receive_ns, self._sent_ns(arrival)
             times_ns = (
-                base_ns + round(sent_ns - self._gyro_delay_ns),
-                base_ns + round(sent_ns - self._acc_delay_ns),
+                base_ns
+                + round(sent_ns - self._gyro_delay_ns - _middle_ns(datagram.gyro_interval_s)),
+                base_ns + round(sent_ns - self._acc_delay_ns - _middle_ns(datagram.acc_interval_s)),
                 base_ns,
             )
             rate, force = datagram.w_NS_S_rad_s, datagram.f_NS_S_m_s2
@@ -335,3 +333,26 @@ def _is_below(vector: Vector3 | None, limit: float) -> bool:
         return True
     x, y, z = vector
     return -limit <= x <= limit and -limit <= y <= limit and -limit <= z <= limit
+
+
+def _middle_ns(interval_s: float | None) -> float:
+    """Return half of the interval of a mean value [ns]: it is valid in the interval's middle."""
+    return 0.0 if interval_s is None else 5e8 * interval_s
+
+
+def _in_rates(datagram: ImuDatagram, step_s: float) -> ImuDatagram:
+    """Return a datagram with its increments divided by the time of a step of the device."""
+    if datagram.gyro_interval_s is None:
+        w = _over(datagram.w_NS_S_rad_s, step_s)
+        datagram = replace(datagram, w_NS_S_rad_s=w, gyro_interval_s=step_s)
+    if datagram.acc_interval_s is None:
+        f = _over(datagram.f_NS_S_m_s2, step_s)
+        datagram = replace(datagram, f_NS_S_m_s2=f, acc_interval_s=step_s)
+    return datagram
+
+
+def _over(increment: Vector3 | None, step_s: float) -> Vector3 | None:
+    if increment is None:
+        return None
+    x, y, z = increment
+    return (x / step_s, y / step_s, z / step_s)

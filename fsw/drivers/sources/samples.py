@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from fsw.config import Config, ImuConfig, StarTrackerConfig, WheelConfig, WrenchSensorConfig
-from fsw.drivers.codecs.stim300 import STANDARD_GRAVITY_M_S2
+from fsw.drivers.codecs.imu_datagram import STANDARD_GRAVITY_M_S2
 from fsw.drivers.sources.counters import Counters
 from fsw.drivers.sources.joint_track import Calibration
 from fsw.drivers.sources.star_tracker import to_bus

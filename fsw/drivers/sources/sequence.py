@@ -67,6 +67,7 @@ class CounterTrack:
         self._chain = 0
         self._chain_counter = 0
         self.index = 0  # index of the last accepted sample [ticks]
+        self.interval = step  # ticks since the sample before if that one was received
         self.lost = 0
 
     def is_repeated(self, counter: int) -> bool:
@@ -126,7 +127,9 @@ class CounterTrack:
                 index = self.index + (item.counter - self._counter) % self._modulus
             else:
                 index = self._after_silence(item, clock)
-            self.lost += max(0, round((index - self.index) / self._step) - 1)
+            ahead = index - self.index
+            self.interval = ahead if self._is_step(ahead) else self._step
+            self.lost += max(0, round(ahead / self._step) - 1)
             self.index = index
         self._started = True
         self._counter, self._t_ns, self._chain = item.counter, item.t_ns, 0

@@ -5,13 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from fsw.config import HealthConfig, StarTrackerConfig
+from fsw.drivers.codecs.attitude_datagram import AttitudeDatagram
+from fsw.drivers.codecs.entries import star_tracker_codec
 from fsw.drivers.codecs.framing import Frame
-from fsw.drivers.codecs.sagitta import (
-    PLAIN_SOLUTION_BYTES,
-    SagittaCodec,
-    Solution,
-    Telemetry,
-)
 from fsw.drivers.sources.arrival import ArrivalTracker
 from fsw.drivers.sources.clock_model import ClockModel
 from fsw.drivers.sources.counters import Counters, serial_counters
@@ -71,7 +67,7 @@ class StarTrackerSource:
         period_ns = 1e9 / config.rate_hz
         self._watch = LineWatch(TRACKER_LINE, SUBJECT, period_ns, health.silent_periods)
         self._late_ns = health.tracker_late_s * 1e9
-        self._codec = SagittaCodec()
+        self._codec = star_tracker_codec(config)
         self._arrivals = ArrivalTracker(config.baud_rate)
         self._clock = ClockModel(1e-6, CLOCK_TOLERANCE_PPM)
         self._counts = Counters()
@@ -105,7 +101,7 @@ class StarTrackerSource:
         samples: list[_Sample] = []
         for chunk in chunks:
             frames = [(f, self._codec.decode(f.data)) for f in self._codec.framer.feed(chunk)]
-            sent_us = {item.unix_us for _, item in frames if isinstance(item, Solution)}
+            sent_us = {item.unix_us for _, item in frames if isinstance(item, AttitudeDatagram)}
             most_ns = chunk.t_ns - self._last[1] if self._last and len(sent_us) > 1 else 0
             for frame, decoded in frames:
                 self._waited_ns = min(self._wait_ns(decoded, sent_us), most_ns)
@@ -117,23 +113,23 @@ class StarTrackerSource:
         t_ns, t_receive_ns, attitudes = zip(*samples, strict=True)
         return AttitudeSamples(np.array(t_ns), np.array(t_receive_ns), np.array(attitudes))
 
-    def _wait_ns(self, decoded: Solution | Telemetry | Reject, sent_us: set[int]) -> float:
+    def _wait_ns(self, decoded: object, sent_us: set[int]) -> float:
         """Return how long a frame may have waited to be read [ns], from unit times in its chunk.
 
         A unit sends a solution as soon as it exists. So two solutions in one chunk waited to be
         read: the newest for up to a period, the others longer.
         """
-        if not isinstance(decoded, Solution):
+        if not isinstance(decoded, AttitudeDatagram):
             return 0.0
         return (max(sent_us) - decoded.unix_us) * 1e3 + self._period_ns
 
-    def _take(self, frame: Frame, decoded: Solution | Telemetry | Reject) -> _Sample | None:
+    def _take(self, frame: Frame, decoded: object) -> _Sample | None:
         length = len(frame.data)
         t_ns = frame.pieces[-1].t_ns
         if isinstance(decoded, Reject):
             self._refuse(frame, decoded, _FAULT_OF_REJECT.get(decoded, Fault.TRACKER_DAMAGED))
             return None
-        if not isinstance(decoded, Solution):
+        if not isinstance(decoded, AttitudeDatagram):
             self._counts.accepted_bytes += length
             return None
         restart = False
@@ -167,7 +163,7 @@ class StarTrackerSource:
             self._watch.refused(frame.pieces[-1].t_ns, frame.skipped)
 
     def _time_of_validity(
-        self, frame: Frame, solution: Solution, restart: bool
+        self, frame: Frame, solution: AttitudeDatagram, restart: bool
     ) -> tuple[int, float]:
         """Return the time of validity and the solution's lateness against the clock model [ns]."""
         arrivals, clock, n = self._arrivals, self._clock, solution.unix_us
@@ -180,7 +176,7 @@ class StarTrackerSource:
             arrivals.clear()
         by_unit = self._config.time == "unit"
         # timed by arrival, the latency extends to the last byte of a frame without escapes
-        length = len(frame.data) if by_unit else len(frame.data) - PLAIN_SOLUTION_BYTES
+        length = len(frame.data) if by_unit else len(frame.data) - self._codec.frame_bytes[0]
         delay_ns = length * arrivals.byte_ns
         arrival = arrivals.add(frame, n, delay_ns)
         sent_ns = arrival.bound_ns(arrival.bytes_before, arrivals.byte_ns) - delay_ns

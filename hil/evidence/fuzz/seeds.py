@@ -3,6 +3,8 @@
 import json
 import tempfile
 from collections.abc import Callable
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 
 import msgpack
@@ -57,7 +59,7 @@ def seeds(name: str) -> list[bytes]:
         "file_unit": _deliveries,
         "operations": _operations,
     }
-    return makers[name]()
+    return makers[name]() if name in makers else _serial(_published(name))
 
 
 def _operations() -> list[bytes]:
@@ -91,6 +93,14 @@ def _serial(payload: bytes) -> list[bytes]:
     once = segment(SEALED, payload)
     torn = segment(SEALED | ENDS_CHUNK, payload) + segment(ENDS_CHUNK, payload[:9]) + once
     return [once, once * 3, torn, segment(0, payload)]
+
+
+def _published(name: str) -> bytes:
+    """Return the published datagram of a simulated device; nothing for a codec without device."""
+    if find_spec(f"hil.devices.{name}") is None:
+        return b""
+    vector: bytes = import_module(f"hil.devices.{name}").VECTOR
+    return vector
 
 
 def _mip() -> bytes:

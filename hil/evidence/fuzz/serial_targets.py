@@ -3,22 +3,29 @@
 import struct
 from collections.abc import Callable, Mapping, Sequence, Sized
 from functools import partial
-from typing import Protocol
+from importlib import import_module
+from importlib.util import find_spec
+from inspect import Parameter
+from math import isfinite
+from typing import Protocol, get_args
 
 import numpy as np
 
 from fsw.config import ImuConfig, StarTrackerConfig
 from fsw.drivers.codecs import mip, sagitta, stim300
-from fsw.drivers.codecs.framing import Frame, Framer, Matcher
+from fsw.drivers.codecs.entries import IMU, codec_class, imu_codec, options_of
+from fsw.drivers.codecs.framing import Frame, Framer
+from fsw.drivers.codecs.imu_datagram import ImuDatagram
 from fsw.drivers.sources import ImuSource, StarTrackerSource
 from fsw.drivers.wire import ByteChunk, Reject
 from hil.devices import sagitta as sagitta_device
 from hil.devices import stim300 as stim_device
-from hil.evidence.fuzz.oracle import Target, chunks, require
+from hil.evidence.fuzz.oracle import MAX_INPUT_BYTES, Seal, Target, chunks, require
 
 MS = 1_000_000
 MOUNTING = {"p_BS_m": [0.0, 0.0, 0.0], "q_BS_xyzw": [0.0, 0.0, 0.0, 1.0]}
 LONGEST = {"stim300": 65, "mip": 134, "sagitta": 1024}  # bytes of a frame, docs/icd.md
+HEAD_BYTES = 4  # sync bytes, and length or masks
 SPLIT_BYTES = 128  # a longer stream is not also fed byte by byte, which is slow
 CONSERVED = ("accepted_bytes", "rejected_bytes", "skipped_bytes", "pending_bytes")
 Confirm = Callable[[bytes], None]
@@ -38,10 +45,17 @@ class Source(Protocol):
 
 
 def imu_config(driver: str, *, crlf: bool = False) -> ImuConfig:
-    """Return the configuration of an inertial unit."""
+    """Return the configuration of an inertial unit; a required option has its first choice."""
+    options = options_of(codec_class(IMU, driver))
+    required = [o for o in options.values() if o.default is Parameter.empty]
     return ImuConfig.model_validate(
         {
             "driver": driver,
+            "options": {
+                option.name: get_args(option.annotation)[0]
+                for option in required
+                if option.name not in ImuConfig.model_fields
+            },
             "port": "p",
             "rate_hz": 500.0,
             "crlf": crlf,
@@ -71,9 +85,8 @@ def tracker_config() -> StarTrackerConfig:
     )
 
 
-def framed(matcher: Matcher, pieces: Sequence[bytes]) -> tuple[list[Frame], Framer]:
+def framed(framer: Framer, pieces: Sequence[bytes]) -> tuple[list[Frame], Framer]:
     """Return the frames of a stream that is fed in pieces, and the framer."""
-    framer = Framer(matcher)
     frames = []
     for k, piece in enumerate(pieces):
         frames += framer.feed(ByteChunk(k * MS, piece))
@@ -83,7 +96,7 @@ def framed(matcher: Matcher, pieces: Sequence[bytes]) -> tuple[list[Frame], Fram
 def check_stream(
     data: bytes,
     seal: Callable[[bytes], bytes],
-    matcher: Callable[[], Matcher],
+    framer_of: Callable[[], Framer],
     source: Source,
     longest: int,
     confirm: Confirm,
@@ -97,12 +110,12 @@ def check_stream(
     """
     pieces = chunks(data, seal)
     whole = b"".join(pieces)
-    frames, framer = framed(matcher(), pieces)
-    at_once, _ = framed(matcher(), [whole])
+    frames, framer = framed(framer_of(), pieces)
+    at_once, _ = framed(framer_of(), [whole])
     found = [frame.data for frame in frames]
     require(found == [f.data for f in at_once], "frames depend on the pieces", pieces)
     if len(whole) <= SPLIT_BYTES:
-        bytewise, _ = framed(matcher(), [whole[k : k + 1] for k in range(len(whole))])
+        bytewise, _ = framed(framer_of(), [whole[k : k + 1] for k in range(len(whole))])
         require(found == [f.data for f in bytewise], "frames depend on single bytes", pieces)
     in_frames = sum(map(len, found))
     counted = in_frames + framer.skipped_bytes + framer.pending_bytes
@@ -177,7 +190,7 @@ def stim_target(*, crlf: bool = False) -> Target:
         check_stream(
             data,
             partial(seal_stim, crlf=crlf),
-            partial(stim300.StimMatcher, crlf),
+            lambda: Framer(stim300.StimMatcher(crlf)),
             ImuSource(config),
             LONGEST["stim300"],
             partial(confirm_stim, crlf=crlf),
@@ -216,7 +229,7 @@ def mip_target() -> Target:
 
     def one(data: bytes) -> None:
         source, longest = ImuSource(config), LONGEST["mip"]
-        check_stream(data, seal_mip, mip.MipMatcher, source, longest, confirm_mip)
+        check_stream(data, seal_mip, lambda: Framer(mip.MipMatcher()), source, longest, confirm_mip)
 
     return one
 
@@ -243,10 +256,37 @@ def sagitta_target() -> Target:
         check_stream(
             data,
             sagitta_device.frame,
-            sagitta.SlipMatcher,
+            lambda: Framer(sagitta.SlipMatcher()),
             StarTrackerSource(config),
             LONGEST["sagitta"],
             confirm_sagitta,
+        )
+
+    return one
+
+
+def unit_target(name: str) -> Target:
+    """Return the target of any inertial unit; its simulated device, if there is one, seals."""
+    config = imu_config(name)
+    seal: Seal = bytes
+    longest = MAX_INPUT_BYTES
+    if find_spec(f"hil.devices.{name}") is not None:
+        device = import_module(f"hil.devices.{name}")
+        seal, longest = device.seal, device.LONGEST
+
+    def confirm(frame: bytes) -> None:
+        """Require values that are numbers and, of the device's own kind, the same bytes again."""
+        datagram = imu_codec(config).decode(Frame(frame, ()))
+        if isinstance(datagram, ImuDatagram):
+            values = (*(datagram.w_NS_S_rad_s or ()), *(datagram.f_NS_S_m_s2 or ()))
+            require(all(map(isfinite, values)), "a value is no number", frame, datagram)
+        again = seal(frame)
+        is_own = again[:HEAD_BYTES] == frame[:HEAD_BYTES]
+        require(again == frame or not is_own, "a datagram has another check value", frame)
+
+    def one(data: bytes) -> None:
+        check_stream(
+            data, seal, lambda: imu_codec(config).framer, ImuSource(config), longest, confirm
         )
 
     return one

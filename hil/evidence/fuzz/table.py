@@ -1,15 +1,15 @@
 """Every target by name; the module of a target is imported when the target is made."""
 
 from collections.abc import Callable
-from functools import partial
 from importlib import import_module
 
+from fsw.drivers.codecs.entries import IMU, installed
 from hil.evidence.fuzz.oracle import Target
 
+UNITS = tuple(entry.name for entry in installed(IMU))  # a package beside the tree may add some
 SLOW = frozenset(
     {
-        "stim300",
-        "mip",
+        *UNITS,
         "sagitta",
         "feed",
         "config",
@@ -20,7 +20,8 @@ SLOW = frozenset(
         "state",
     }
 )  # these targets get fewer inputs
-TARGETS: dict[str, tuple[str, str]] = {
+TARGETS: dict[str, tuple[str, ...]] = {  # module, function and its arguments
+    **{name: ("hil.evidence.fuzz.serial_targets", "unit_target", name) for name in UNITS},
     "canopen": ("hil.evidence.fuzz.frame_targets", "canopen_target"),
     "recorded_frame": ("hil.evidence.fuzz.frame_targets", "recorded_frame_target"),
     "stim300": ("hil.evidence.fuzz.serial_targets", "stim_target"),
@@ -54,6 +55,6 @@ def quota(inputs: int, only: str = "") -> dict[str, int]:
 
 def make(name: str) -> Target:
     """Return a target. Raises KeyError for an unknown name."""
-    module, function = TARGETS[name]
-    factory: Callable[[], Target] = partial(getattr(import_module(module), function))
-    return factory()
+    module, function, *arguments = TARGETS[name]
+    factory: Callable[..., Target] = getattr(import_module(module), function)
+    return factory(*arguments)

@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fsw.drivers.sources.imu import ImuSource, make_codec
+from fsw.drivers.codecs.mip import MipCodec
+from fsw.drivers.sources.imu import ImuSource
 from fsw.drivers.wire import ByteChunk
 from fsw.messages.findings import Fault
 from tests.support import serial_line as lines
@@ -269,7 +270,7 @@ def test_values_are_in_si_units_and_clusters_apart() -> None:
 
 
 def test_the_layer_carries_another_protocol() -> None:
-    imu = RowSource(imu_config(), make_codec("mip", 10, crlf=False))
+    imu = RowSource(imu_config(), MipCodec())
     chunks = []
     for k in range(200):
         if k == 100:
