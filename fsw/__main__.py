@@ -313,15 +313,15 @@ def _import(arguments: argparse.Namespace) -> int:
     if arguments.out is None:
         raise ConfigError("--out: missing; where shall the recording go?")
     from fsw.commands.importing import import_recording
-    from fsw.commands.replay import unused_of
+    from fsw.commands.replay import doubts_of
 
     config = _checked(_config(arguments))
     with Progress("import") as progress:
         written = import_recording(arguments, config, progress)
         progress("judging what can be used of it")
-        unused = unused_of(arguments.out, config)
+        doubts = doubts_of(arguments.out, config)
     print("\n".join(written))
-    for line in unused:
+    for line in doubts:
         print(f"fsw: warning: {line}", file=sys.stderr)
     return 0
 

@@ -289,12 +289,14 @@ def _replayed(now_ns: int, start_ns: int, last_ns: int) -> str:
     return f"{words} ({min(1.0, (now_ns - start_ns) / (last_ns - start_ns)):.0%})"
 
 
-def unused_of(recording: Path, config: Config) -> list[str]:
-    """Return a line for each sensor of which a new recording has nothing that can be used."""
+def doubts_of(recording: Path, config: Config) -> list[str]:
+    """Return a line for each unusable sensor of a new recording, and for each jump of its clock."""
     try:
-        return unused_lines(replay(recording, config, windows_only=True).status)
+        found = replay(recording, config, windows_only=True)
     except ConfigError as error:
         return str(error).splitlines()
+    jumps = [event.text for event in found.events if event.code == "WINDOWS_SKIPPED"]
+    return [*unused_lines(found.status), *jumps]
 
 
 def topics_of(config: Config, held: Sequence[str]) -> list[str]:

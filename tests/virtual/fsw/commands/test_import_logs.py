@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
 
+import can
 import pytest
 
 from tests.support.import_cases import (
@@ -64,6 +65,19 @@ def test_force_replaces_a_recording_and_only_force(arm):
     later = write_log(arm.folder / "b.log", START_S + 5.0)
     assert arm.can(later, "--force") == 0
     assert stamps_ns(arm.out)[0] == round((START_S + 5.0) * 1e9)
+
+
+def test_a_jump_of_the_clock_is_named(arm, monkeypatch):
+    """A computer starts in 1970 until its time is set."""
+    monkeypatch.setattr("fsw.scheduler.align.MOST_EMPTY", 9)  # windows of a gap that are replayed
+    log = arm.folder / "jump.log"
+    with can.Logger(log) as writer:
+        for message in (*frames(500, 10.0), *frames(500)):
+            writer.on_message_received(message)
+    assert arm.can(log) == 0
+    assert stamps_ns(arm.out)[0] == 10 * 10**9
+    gaps_s = re.findall(r"no sample for (\S+) s: .*; did the clock jump\?", "\n".join(arm.refused))
+    assert max(map(float, gaps_s)) > 0.9 * START_S
 
 
 def test_force_keeps_the_old_recording_when_the_new_log_is_refused(arm):
