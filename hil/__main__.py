@@ -44,7 +44,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             refuse_existing(arguments)
         return call(arguments)
 
-    return explained(action, WRONG_EXIT, FAILED_EXIT)
+    return explained(action, WRONG_EXIT, FAILED_EXIT, getattr(arguments, "out", None))
 
 
 def parser() -> argparse.ArgumentParser:

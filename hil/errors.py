@@ -11,8 +11,13 @@ SETTINGS = "settings.json"  # file in a folder of results: the settings that mad
 INTERRUPTED_EXIT = 130  # 128 + SIGINT
 
 
-def explained(action: Callable[[], int], wrong_exit: int, failed_exit: int) -> int:
-    """Run the action and return its exit code; print an expected error as one line."""
+def explained(
+    action: Callable[[], int], wrong_exit: int, failed_exit: int, out: Path | None = None
+) -> int:
+    """Run the action and return its exit code; print an expected error as one line.
+
+    `out` is the folder of the command's results, which continues if it has settings.
+    """
     from fsw.errors import ConfigError, FswError
     from hil.run.live import LiveError
     from hil.world.scenario import ScenarioError
@@ -31,7 +36,9 @@ def explained(action: Callable[[], int], wrong_exit: int, failed_exit: int) -> i
         sys.stderr.write(f"hil: {error}\n")
         return failed_exit
     except KeyboardInterrupt:
-        sys.stderr.write("hil: interrupted; a command that resumes continues with the same --out\n")
+        resumes = out is not None and (out / SETTINGS).exists()
+        words = f"; the same command continues from {out}" * resumes
+        sys.stderr.write(f"hil: interrupted{words}\n")
         return INTERRUPTED_EXIT
 
 
