@@ -64,7 +64,7 @@ def bus_load(
     data_bitrate = bus.data_bitrate or ASSUMED_DATA_BITRATE
     cycle_s = classic_frame_s(SYNC_BYTES, bitrate)
     for joint in joints:
-        if joint.bus != bus.name:
+        if joint.bus != bus.name or joint.driver == "described":  # no rate of its frames is known
             continue
         if joint.format == "fd":
             cycle_s += fd_frame_s(TPDO1_FD_BYTES, bitrate, data_bitrate)

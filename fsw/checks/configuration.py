@@ -18,6 +18,7 @@ from fsw.config.devices import SAMPLES, minute_walk
 from fsw.config.keys import read_key
 from fsw.config.telemetry import BUS_SLOTS, JOINT_SLOTS
 from fsw.drivers.codecs.entries import imu_codec
+from fsw.drivers.layout.joints import layouts_of, torque_steps_nm
 from fsw.errors import ConfigError
 from fsw.estimators.model.problem import Problem
 
@@ -27,7 +28,6 @@ LARGE_WALK_RAD = 5e-3  # drift of an integrated angle in a minute above which si
 FULL_LOAD = 1.0
 HIGH_LOAD = 0.7
 MAX_GROUP_DELAY_S = 0.1  # a longer delay is probably in milliseconds
-TORQUE_STEP_NM = {"classic": 1e-2, "fd": 1e-4}  # resolution in TPDO1
 POSITION_STEP_RAD = tau * 2.0**-24
 LINKS = Path("/sys/class/net")
 IFF_UP = 1  # bit of an interface's flags: Linux include/uapi/linux/if.h
@@ -49,6 +49,7 @@ def validate(config: Config) -> tuple[Problem, list[str]]:
         *window_faults(config),
         *lag_faults(config),
         *_bus_faults(config),
+        *_description_faults(config),
         *_serial_faults(config),
         *_key_faults(config),
     ]
@@ -68,6 +69,7 @@ def _noise_warnings(config: Config) -> Iterator[str]:
     """Yield a line for each implausible noise of the joints' samples."""
     sampled = [bus.name for bus in config.buses if bus.interface == SAMPLES]
     rates_hz = {bus.name: bus.rate_hz for bus in config.buses}
+    torque_steps = torque_steps_nm(config)
     for i, joint in enumerate(config.joints):
         walk = minute_walk(joint, rates_hz[joint.bus])
         if walk > LARGE_WALK_RAD:
@@ -78,8 +80,10 @@ def _noise_warnings(config: Config) -> Iterator[str]:
         if joint.bus in sampled:
             continue
         step = POSITION_STEP_RAD if joint.kind == "revolute" else POSITION_STEP_RAD / tau
-        steps = {"torque_noise_nm": (joint.torque_noise_nm, TORQUE_STEP_NM[joint.format])}
-        if joint.speed_noise_rad_s is None:
+        steps = {"torque_noise_nm": (joint.torque_noise_nm, torque_steps[i])}
+        if joint.driver == "described":
+            pass  # the step of its angle is the device's
+        elif joint.speed_noise_rad_s is None:
             steps["position_noise_rad"] = (joint.position_noise_rad, step)
         else:
             steps["speed_noise_rad_s"] = (joint.speed_noise_rad_s, step)
@@ -262,6 +266,16 @@ def _bus_faults(config: Config) -> list[str]:
                 f"buses.{i}.latch_offset_s: {bus.latch_offset_s:g} must be shorter than one SYNC "
                 f"period, {1.0 / bus.rate_hz:g}"
             )
+    return faults
+
+
+def _description_faults(config: Config) -> list[str]:
+    faults: list[str] = []
+    for bus in config.buses:
+        try:
+            layouts_of(config, bus)
+        except ConfigError as error:
+            faults += str(error).splitlines()
     return faults
 
 

@@ -153,7 +153,11 @@ def _buses(config: Config) -> list[str]:
         if bus.feed is not None:
             lines += _feed(config, bus)
             continue
-        nodes = [f"0x{k.node_id:02x} {k.name}" for k in config.can_nodes if k.bus == bus.name]
+        nodes = [
+            k.name if k.node_id is None else f"0x{k.node_id:02x} {k.name}"
+            for k in (*(j for j in config.joints if j.node_id is None), *config.can_nodes)
+            if k.bus == bus.name
+        ]
         load = budget.bus_load(bus, config.joints, (*config.wheels, *config.thrusters))
         assumed = "" if bus.bitrate else f" at an assumed {budget.ASSUMED_BITRATE} bit/s"
         lines.append(

@@ -12,13 +12,16 @@ class Nodes(NullSink):
     """Collects, by bus, the numbers of the nodes that send TPDO1 or a heartbeat."""
 
     def __init__(self, config: Config) -> None:
-        self._joints = config.joints
+        self._joints = [joint for joint in config.joints if joint.driver == "canopen"]
+        self._tailored = {bus.name for bus in config.buses} - {
+            joint.bus for joint in config.joints if joint.driver == "described"
+        }
         self._known = {(node.bus, node.node_id) for node in config.can_nodes}
         self._seen: set[tuple[str, int]] = set()
 
     def put(self, message: Message) -> None:
         """Record the senders of CAN frames; ignore other messages."""
-        if isinstance(message, CanTraffic):
+        if isinstance(message, CanTraffic) and message.bus in self._tailored:
             ids = np.unique(message.frames["word"]).tolist()
             self._seen |= {(message.bus, i & 0x7F) for i in ids if i & ~0x7F in (TPDO1, HEARTBEAT)}
 

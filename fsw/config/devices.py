@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from math import isfinite, sqrt, tau
+from math import hypot, isfinite, sqrt, tau
+from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
@@ -47,6 +48,7 @@ from fsw.config.base import (
     Vector3,
 )
 from fsw.config.feed import FeedConfig, check_address
+from fsw.config.signals import LayoutMessageConfig, Role, SignalConfig, TimingConfig
 from fsw.errors import brief
 
 MAX_ANGLE_RAD = tau  # of a mounting; larger angles are probably in degrees
@@ -73,13 +75,16 @@ class BusConfig(Section):
     interface: str | None = None  # samples, or one of python-can: socketcan, udp_multicast ...
     feed: FeedConfig | None = None  # of interface samples: who sends them live; None: recordings
     channel: str | None = None  # a replay needs neither interface nor channel
+    description: Path | None = None  # DBC, KCD, SYM or ARXML of foreign devices on the bus
+    messages: Annotated[tuple[LayoutMessageConfig, ...], Field(max_length=256)] = ()
+    listen_only: bool = False  # another master runs the bus: the daemon never sends a frame
     fd: bool = False
     bitrate: int | None = Field(default=None, gt=0)
     data_bitrate: int | None = Field(default=None, gt=0)
     port: int | None = Field(default=None, ge=1, le=65535)  # for a feed and CAN over UDP
-    sync: Literal["producer", "consumer"] = "producer"
-    rate_hz: Rate
-    sync_counter_max: int = Field(default=240, ge=2, le=240)
+    sync: Literal["producer", "consumer", "none"] = "producer"  # none: nobody sends SYNC
+    rate_hz: Rate  # of SYNC; of the joints' samples
+    sync_counter_max: Annotated[int, Field(ge=0, le=240)] = 240  # 0: SYNC has no data
     latch_offset_s: Finite = 0.0  # time of validity of joint samples minus SYNC stamp
     heartbeat_s: Duration | None = None  # period of the computer's heartbeat; None: none is sent
     redundant: RedundantBusConfig | None = None
@@ -99,6 +104,17 @@ class BusConfig(Section):
         check_address(self.feed, self.channel, self.port)
         return self
 
+    @model_validator(mode="after")
+    def _only_listens(self) -> Self:
+        """Refuse keys that would make a daemon send that may only listen."""
+        if self.sync_counter_max == 1:
+            raise ValueError("sync_counter_max: 1; must be 0 or 2 to 240")
+        if self.listen_only and self.sync == "producer":
+            raise ValueError("sync: 'producer' with listen_only; must be consumer or none")
+        if self.listen_only and self.heartbeat_s is not None:
+            raise ValueError(f"heartbeat_s: {self.heartbeat_s:g} with listen_only; leave it out")
+        return self
+
     def second(self) -> BusConfig | None:
         """Return the configuration of the redundant bus; None: there is none."""
         if self.redundant is None:
@@ -107,6 +123,7 @@ class BusConfig(Section):
         return self.model_copy(update=changes)
 
 
+TORQUE_STEP_NM = {"classic": 1e-2, "fd": 1e-4}  # resolution of a canopen node's torque, by format
 WITHOUT_TORQUE = {  # values for a joint without torque sensor: the noise makes torque useless
     "torque_limit_nm": 1e4,
     "torque_noise_nm": 1e4,
@@ -166,9 +183,12 @@ class JointConfig(Section):
     model_config = ConfigDict(json_schema_extra=_keys_of_a_joint)
 
     name: str
-    driver: Literal["canopen", "samples"] = "canopen"  # samples: in the order of a feed's values
+    driver: Literal["canopen", "described", "samples"] = "canopen"  # samples: values of a feed
     bus: str
-    node_id: Annotated[int, Field(ge=1, le=127)] | None = None  # of canopen
+    node_id: Annotated[int, Field(ge=1, le=127)] | None = None  # of a CANopen node
+    description: Path | None = None  # EDS or DCF of the node; null: the bus's description
+    signals: dict[Role, SignalConfig] | None = None  # for driver: described
+    timing: TimingConfig | None = None  # likewise
     format: Literal["classic", "fd"] = "classic"
     kind: Literal["revolute", "prismatic"] = "revolute"  # names of prismatic keys: see `linear`
     sign: Literal[-1, 1] = 1
@@ -199,6 +219,44 @@ class JointConfig(Section):
     zero_sigma_rad: AngleSigma = 2e-3  # 1 sigma of zero_offset_rad or start_rad; 0: exact
     angle_scale_sigma_ratio: ScaleSigma = 0.0  # 1 sigma of the angle's scale; 0: exact
     link_sigma_ratio: ScaleSigma | None = None  # of the moved link; None: robot.links_sigma_ratio
+
+    @model_validator(mode="after")
+    def _driver_keys(self) -> Self:
+        """Refuse a joint that lacks a key of its driver, or has a key of another one."""
+        is_described = self.driver == "described"
+        needs = {"signals": is_described, "timing": is_described}
+        allows = needs | {"description": is_described, "node_id": self.driver != SAMPLES}
+        needs["node_id"] = self.driver == "canopen" or self.description is not None
+        for key, is_allowed in allows.items():
+            value = getattr(self, key)
+            if value is not None and not is_allowed:
+                shown = brief(value) if key == "node_id" else "it"
+                raise ValueError(f"{key}: {shown} must be left out with driver: {self.driver}")
+            if value is None and needs.get(key, False):
+                raise ValueError(f"{key}: missing with driver: {self.driver}")
+        if self.signals is not None and self.timing is not None:
+            self._roles_given(self.signals, self.timing)
+        return self
+
+    def _roles_given(self, signals: Mapping[Role, SignalConfig], timing: TimingConfig) -> None:
+        needed: dict[Role, bool] = {
+            "position": not self.speed_only,
+            "speed": self.speed_only,
+            "torque": self.torque != "none",
+            "time": timing.by == "device_time",
+            "counter": timing.by == "echoed_counter",
+        }
+        for role, is_needed in needed.items():
+            if (role in signals) != is_needed:
+                words = "missing" if is_needed else "has no use"
+                raise ValueError(
+                    f"signals.{role}: {words} with encoder {self.encoder}, torque {self.torque}, "
+                    f"timing by {timing.by}"
+                )
+        for role, own in signals.items():
+            for key in ("mask", "value"):
+                if (getattr(own, key) is not None) != (role == "status"):
+                    raise ValueError(f"signals.{role}.{key}: only, and always, of status")
 
     @model_validator(mode="before")
     @classmethod
@@ -261,13 +319,11 @@ class JointConfig(Section):
                 raise ValueError(f"{name}: {value:g} needs encoder: speed; must be left out")
         return self
 
-    @model_validator(mode="after")
-    def _node_of_its_driver(self) -> Self:
-        """Refuse a CAN node without number, and a number where there is no node."""
-        if (self.driver == SAMPLES) != (self.node_id is None):
-            must = "missing" if self.node_id is None else f"{self.node_id} must be left out"
-            raise ValueError(f"node_id: {must} with driver: {self.driver}")
-        return self
+    @property
+    def position_sigma_rad(self) -> float:
+        """1 sigma of one position sample, with the error of its time at half the speed limit."""
+        stamp_s = 0.0 if self.timing is None else self.timing.sigma_s or 0.0
+        return hypot(self.position_noise_rad, 0.5 * self.speed_limit_rad_s * stamp_s)
 
     @property
     def speed_only(self) -> bool:

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Self
 from pydantic import ConfigDict, Field, PrivateAttr, ValidationError, model_validator
 
 from fsw.config.base import BodyName, Section, allow_null, null_is_left_out
+from fsw.config.described import descriptions_go_with
 from fsw.config.devices import BusConfig, ImuConfig, JointConfig, StarTrackerConfig, no_imu
 from fsw.config.feed_devices import feeds_go_with
 from fsw.config.health import HealthConfig
@@ -200,6 +201,7 @@ class Config(Section):
             if joint.format == "fd" and not names[joint.bus].fd:
                 raise ValueError(f"joints.{i}.format: 'fd' needs buses.{joint.bus}.fd: true")
         feeds_go_with(self.buses, _bus_devices(self))
+        descriptions_go_with(self.buses, self.joints, (*self.wheels, *self.thrusters))
         rates_hz = {name: bus.rate_hz for name, bus in names.items()}
         wheels_go_with(self.wheels, rates_hz)
         wrench_sensors_go_with(self.wrench_sensors, self.estimator.method)
@@ -240,9 +242,11 @@ def _parts_are_unique(config: Config) -> None:
         _unique([part.name for part in getattr(config, section)], f"{section}.name")
     names = [*(j.name for j in config.joints), *(own.name for own in config.wrench_sensors)]
     _unique(names, "wrench_sensors.name")
-    nodes = [f"{node.bus}:0x{node.node_id:02x}" for node in config.can_nodes]
-    joints = sum(joint.node_id is not None for joint in config.joints)
-    wheels = sum(wheel.bus is not None for wheel in config.wheels)
+    of_joints = [joint for joint in config.joints if joint.driver == "canopen"]
+    others = [node for node in config.can_nodes if not isinstance(node, JointConfig)]
+    numbered = [*of_joints, *others]
+    nodes = [f"{node.bus}:0x{node.node_id:02x}" for node in numbered]
+    joints, wheels = len(of_joints), sum(wheel.bus is not None for wheel in config.wheels)
     _unique(nodes[:joints], "joints.node_id")
     _unique(nodes[: joints + wheels], "wheels.node_id")
     _unique(nodes, "thrusters.node_id")

@@ -72,10 +72,10 @@ class ArmConditioner:
         joints = tuple(config.joints[k] for k in order)
         rates_hz = {bus.name: bus.rate_hz for bus in config.buses}
         self.speeds = SpeedMotion(joints, self._nodes, rates_hz)
-        noisy = any(joint.position_noise_rad > ANGLE_NOISE_RAD for joint in joints)
+        noisy = any(joint.position_sigma_rad > ANGLE_NOISE_RAD for joint in joints)
         self._orders = (1, 2, 0) if noisy or self.speeds.own else (1, 2)
         self._position_sigma = np.array(
-            [joint.speed_noise_rad_s or joint.position_noise_rad for joint in joints]
+            [joint.speed_noise_rad_s or joint.position_sigma_rad for joint in joints]
         )
         self._torque_sigma = np.array([joint.torque_noise_nm for joint in joints])
         self._coulomb_nm = np.array([joint.friction_coulomb_sigma_nm for joint in joints])

@@ -54,7 +54,7 @@ def noise_model(config: Config, model: RobotModel) -> NoiseModel:
     imu = config.imu
     torque = [joint.torque_noise_nm**2 / rates[joint.bus] for joint in joints]
     shares, gains, rate_gain = _joint_modes(config, rates[joints[0].bus])
-    position = np.array([joint.position_noise_rad**2 / rates[joint.bus] for joint in joints])
+    position = np.array([joint.position_sigma_rad**2 / rates[joint.bus] for joint in joints])
     white = np.concatenate(
         (
             torque,

@@ -4,7 +4,7 @@ Only stamped samples and windows decide what the estimator uses, so a replay exc
 samples. Silence and overruns, which only a clock shows, make events and nothing else.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any, Protocol
 
 from fsw.config import Config
@@ -28,14 +28,15 @@ class Finder(Protocol):
 class Health:
     """Fault detection, isolation and recovery of one daemon."""
 
-    def __init__(self, config: Config) -> None:
+    def __init__(self, config: Config, torque_steps_nm: Sequence[float] = ()) -> None:
+        """`torque_steps_nm`: resolution of every joint's torque; empty: those of canopen nodes."""
         settings = config.health
         nodes = (*config.joints, *config.can_nodes)
         bus_of = {node.name: node.bus for node in nodes if node.bus is not None}
         window_s = config.estimator.window_s + config.estimator.lag_s
         recover_ns, window_ns = round(settings.recover_s * 1e9), round(window_s * 1e9)
         self._incidents = Incidents(recover_ns, bus_of, window_ns)
-        self._stuck = StuckScreen(config) if settings.stuck else None
+        self._stuck = StuckScreen(config, torque_steps_nm) if settings.stuck else None
         self._rotation = RotationMonitor(config)
         self._slip_ticks = max(1, round(SLIP_WINDOW_S * config.scheduler.tick_rate_hz))
         self._slip_limit = max(1, round(settings.slip_ratio * self._slip_ticks))

@@ -6,20 +6,20 @@ that to the power k - 1. The bound assumes a sensor three times quieter than con
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fsw.config import Config
+from fsw.config.devices import TORQUE_STEP_NM
 from fsw.messages import FloatArray, ImuSamples, IntArray, JointSamples, Samples
 from fsw.messages.false_alarms import per_test
 from fsw.messages.findings import Fault, Finding
 
 FALSE_ALARM = per_test("health")  # probability per sample
 QUIETER = 3.0
-TORQUE_STEP_NM: Mapping[str, float] = {"classic": 1e-2, "fd": 1e-4}
 CLUSTER_SAMPLES = 3  # equal vectors of three noisy 24-bit readings: below 1e-12 for any real unit
 NEVER = 1 << 62
 REPEAT_NS = 100_000_000  # a sensor that is still stuck is reported again after this time
@@ -86,11 +86,13 @@ class _Runs:
 class StuckScreen:
     """Replaces stuck torques, rates and specific forces in samples by NaN."""
 
-    def __init__(self, config: Config) -> None:
+    def __init__(self, config: Config, torque_steps_nm: Sequence[float] = ()) -> None:
+        """`torque_steps_nm`: resolution of every joint's torque; empty: those of canopen nodes."""
+        steps = torque_steps_nm or [TORQUE_STEP_NM[joint.format] for joint in config.joints]
         self._joints = [joint.name for joint in config.joints]
         limits = [
-            equal_readings(abs(j.torque_gain) * TORQUE_STEP_NM[j.format], j.torque_noise_nm)
-            for j in config.joints
+            equal_readings(abs(j.torque_gain) * step, j.torque_noise_nm)
+            for j, step in zip(config.joints, steps, strict=True)
         ]
         self._torque = _Runs(limits, 1)
         self._gyro, self._acc = _Runs([CLUSTER_SAMPLES], 3), _Runs([CLUSTER_SAMPLES], 3)

@@ -72,12 +72,16 @@ class BusInput:
         clock: Clock,
         heartbeat: tuple[int, bytes],
         selector: Selector | None = None,
+        *,
+        listen_only: bool = False,
     ) -> None:
         """Store the links; open nothing.
 
         Parameters
         ----------
         nodes : identifier and data of the NMT start frame of each configured node, by node number
+        sync_counter_max : largest counter of SYNC; 0: SYNC has no data
+        listen_only : never send a frame
         links : one bus; or the nominal and the redundant bus, between which `selector` chooses
         """
         self.name = name
@@ -85,6 +89,7 @@ class BusInput:
         self.selector = selector
         self._sync_counter, self._sync_counter_max = 0, sync_counter_max  # of the last SYNC sent
         self._heartbeat = heartbeat
+        self._listen_only = listen_only
         self._talking_since_ns: int | None = None  # first frame sent on the active bus
         self._nodes = nodes
         self._clock = clock
@@ -125,7 +130,8 @@ class BusInput:
 
     def send_sync(self) -> None:
         """Send the next SYNC. Raises PortError."""
-        counter = self._sync_counter % self._sync_counter_max + 1
+        most = self._sync_counter_max
+        counter = self._sync_counter % most + 1 if most else 0
         if self.link.up and self._send(*encode_sync(counter)):
             self._sync_counter = counter
 
@@ -221,7 +227,7 @@ class BusInput:
     def _send(self, can_id: int, data: bytes) -> bool:
         """Send one frame; return False if it was not sent. Raises PortError."""
         port = self.link.port
-        if port is None:
+        if port is None or self._listen_only:
             return False
         before_ns = self._clock.now_ns()
         sent = port.write(can_id, data)

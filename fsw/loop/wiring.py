@@ -66,4 +66,13 @@ def _bus_input(config: Config, bus: BusConfig, clock: Clock, ports: Ports) -> Bu
         Link(CAN + name, ports.can.get(name), ports.can_openers.get(name)) for name in names
     ]
     beat = canopen.encode_heartbeat(canopen.NmtState.OPERATIONAL, canopen.MASTER_NODE)
-    return BusInput(bus.name, nodes, links, bus.sync_counter_max, clock, beat, selector)
+    return BusInput(
+        bus.name,
+        nodes,
+        links,
+        bus.sync_counter_max,
+        clock,
+        beat,
+        selector,
+        listen_only=bus.listen_only,
+    )

@@ -19,6 +19,7 @@ from fsw.commands.importing.clock import (
 )
 from fsw.config import Config
 from fsw.drivers.codecs.canopen import COB_SYNC, COB_TPDO1, NODE_MASK
+from fsw.drivers.layout.joints import layouts_of
 from fsw.drivers.ports.can_log import read_can_log
 from fsw.drivers.wire import ByteChunk, FrameArray
 from fsw.errors import ConfigError, brief
@@ -62,8 +63,9 @@ def can_capture(config: Config, bus: str, path: Path, channel: str | None, shift
     place = next(k for k, own in enumerate(config.buses) if own.name == bus)
     syncs_ns = t_ns[frames["word"] == COB_SYNC]
     rates_hz = {f"buses.{place}.rate_hz": config.buses[place].rate_hz}
-    refuse_differences(path, "SYNC", syncs_ns, rates_hz, what=f"{len(frames)} frames")
-    refuse_other_rate(path, "SYNC", syncs_ns, rates_hz)
+    if config.buses[place].sync != "none":
+        refuse_differences(path, "SYNC", syncs_ns, rates_hz, what=f"{len(frames)} frames")
+        refuse_other_rate(path, "SYNC", syncs_ns, rates_hz)
     refuse_disorder(path, t_ns)
     words = f"{len(frames)} frames in {(t_ns[-1] - t_ns[0]) * 1e-9:.1f} s"
     return Channel(
@@ -139,10 +141,20 @@ def read_text(path: Path) -> str:
 def _refuse_strangers(config: Config, bus: str, frames: FrameArray, path: Path) -> None:
     """Raise ConfigError if the log has no SYNC, or a configured node sends no TPDO1."""
     words = {int(word) for word in np.unique(frames["word"])}
-    if COB_SYNC not in words:
+    own = next(each for each in config.buses if each.name == bus)
+    for i, layout in layouts_of(config, own).items():
+        for message in layout.messages:
+            if message.word not in words:
+                name = config.joints[i].name
+                raise ConfigError(
+                    f"{path}: no frame {message.name} (0x{message.identifier:x}) of {name}: the "
+                    "recording of another robot or bus"
+                )
+    if own.sync != "none" and COB_SYNC not in words:
         raise ConfigError(f"{path}: no SYNC frame (0x{COB_SYNC:03x}); samples have no time")
     found = {word & NODE_MASK for word in words if COB_TPDO1 < word <= COB_TPDO1 | NODE_MASK}
-    silent = [n for n in config.can_nodes if n.bus == bus and n.node_id not in found]
+    nodes = [node for node in config.can_nodes if node.bus == bus and node.driver == "canopen"]
+    silent = [node for node in nodes if node.node_id not in found]
     if silent:
         names = ", ".join(f"{node.name} (node 0x{node.node_id:02x})" for node in silent)
         others = ", ".join(f"0x{node:02x}" for node in sorted(found)) or "no node"

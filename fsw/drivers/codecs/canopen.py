@@ -93,8 +93,8 @@ def decode_sync(data: bytes, counter_max: int) -> int | Reject:
 
 
 def encode_sync(counter: int) -> tuple[int, bytes]:
-    """Return COB-ID and data of a SYNC with its counter."""
-    return COB_SYNC, bytes((counter,))
+    """Return COB-ID and data of a SYNC with its counter; 0: without data."""
+    return COB_SYNC, bytes((counter,)) if counter else b""
 
 
 def encode_nmt(command: NmtCommand, node_id: int) -> tuple[int, bytes]:

@@ -5,11 +5,11 @@ The DBC files beside the drivers describe the same frames for other tools.
 
 from math import tau
 
+from fsw.config.devices import TORQUE_STEP_NM
 from fsw.drivers.layout.decoder import Decoder
 from fsw.drivers.layout.signals import Message, Number, Signal
 
 POSITION_SCALE_RAD = tau * 2.0**-24  # also of speeds [rad/s]
-TORQUE_STEP_NM = {"classic": 1e-2, "fd": 1e-4}  # of a joint's torque, by format
 TEMPERATURE_SCALE_K = 0.1
 AGE_SCALE_NS = 10_000
 OLD = 0xFFFF  # age on the wire: the newest change is this old or older, or there was none

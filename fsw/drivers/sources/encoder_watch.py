@@ -12,16 +12,25 @@ CONFIDENT_SAMPLES = 50  # samples in a row before a step makes the newer sample 
 HOLD_S = 10.0
 STUCK_SAMPLES = 3  # equal readings ...
 STUCK_RATE_RATIO = 0.02  # ... while the rate is above this part of the speed limit
+STUCK_STEPS = 20.0  # ... over more of the encoder's steps; where a joint turns back fewer are equal
 RATE_GAIN = 0.125  # gain of the running mean of the rate
 
 
 class EncoderWatch:
     """Judges the positions of one joint, sample by sample, each against the one before."""
 
-    def __init__(self, period_s: float, speed_limit_rad_s: float, slack_rad: float) -> None:
+    def __init__(
+        self,
+        period_s: float,
+        speed_limit_rad_s: float,
+        slack_rad: float,
+        step_rad: float = 0.0,
+    ) -> None:
+        """`step_rad`: resolution of the encoder; 0: so fine that a moving joint shows it."""
         self._gap_ns = GAP_PERIODS * period_s * 1e9
         self._slack_rad = slack_rad
         self._stuck_rate_rad_s = STUCK_RATE_RATIO * speed_limit_rad_s
+        self._stuck_rad_s = STUCK_STEPS * step_rad / period_s  # rate times equal readings
         self._t_ns = 0
         self._position = 0.0
         self._restart()
@@ -96,6 +105,7 @@ class EncoderWatch:
         self._equal += 1
         moving = abs(self._rate) > self._stuck_rate_rad_s
         # the first of the equal readings came with a step
+        moving &= self._equal * abs(self._rate) > self._stuck_rad_s
         if self._equal >= STUCK_SAMPLES - 1 and moving and self._run >= CONFIDENT_SAMPLES:
             self._stuck = True
         return self._stuck

@@ -69,7 +69,10 @@ class Calibration:
 class JointTrack:
     """State of one joint between batches: its newest accepted sample, watch and counters."""
 
-    def __init__(self, index: int, config: JointConfig, period_s: float) -> None:
+    def __init__(
+        self, index: int, config: JointConfig, period_s: float, step_rad: float = 0.0
+    ) -> None:
+        """`step_rad`: resolution of the encoder; 0: negligible."""
         self.index = index
         self.config = config
         self.counts = Counters()
@@ -80,7 +83,7 @@ class JointTrack:
         self._seen = 0  # bit i: a sample for SYNC newest - i was accepted in time
         self._slack_rad = SLACK_SIGMAS * config.position_noise_rad
         self._slack_rad += config.speed_limit_rad_s * period_s
-        self._encoder = EncoderWatch(period_s, config.speed_limit_rad_s, self._slack_rad)
+        self._encoder = EncoderWatch(period_s, config.speed_limit_rad_s, self._slack_rad, step_rad)
         self._most_rad_s = most_rad_s(config)
         self._contested = round(CONTESTED_S / period_s)
         self._contested_until = -1  # SYNC up to which no sample is accepted
@@ -167,7 +170,7 @@ class JointTrack:
                 continue
             if sync <= self._contested_until:
                 refused.append((k, Reject.SEQUENCE, Fault.NODE_CONTESTED))
-                self._seen = (self._seen << (sync - self._newest)) & _MASK
+                self._shift(sync)
                 self._newest, self._answer = sync, (position, torque)
                 continue
             if torque > limit_nm or torque < -limit_nm:
@@ -189,11 +192,16 @@ class JointTrack:
                     continue
             if first:
                 self.first_sync = self._newest = sync
-            self._seen = (self._seen << (sync - self._newest) | timely) & _MASK
+            self._shift(sync)
+            self._seen |= timely
             self._newest, self._answer = sync, (position, torque)
             self._last_t_ns, self._last_rad = time_ns, position
             self._chain = 0
         return refused
+
+    def _shift(self, sync: int) -> None:
+        """Make room for a sample of a newer SYNC among those remembered."""
+        self._seen = (self._seen << min(sync - self._newest, HISTORY_SYNCS)) & _MASK
 
     def _is_again(self, sync: int, is_doubled: Callable[[int], bool]) -> bool:
         """Note a SYNC with two different answers; return whether another one was shortly before."""
@@ -256,8 +264,19 @@ class JointTracks:
     A few comparisons of arrays accept such a batch; any other batch is judged sample by sample.
     """
 
-    def __init__(self, joints: Sequence[tuple[int, JointConfig]], period_s: float) -> None:
-        self._tracks = [JointTrack(index, config, period_s) for index, config in joints]
+    def __init__(
+        self,
+        joints: Sequence[tuple[int, JointConfig]],
+        period_s: float,
+        steps_rad: Sequence[float] = (),
+    ) -> None:
+        """`steps_rad`: resolution of every encoder; empty: all negligible."""
+        self._tracks = [
+            JointTrack(index, config, period_s, step_rad)
+            for (index, config), step_rad in zip(
+                joints, steps_rad or [0.0] * len(joints), strict=True
+            )
+        ]
         configs = [config for _, config in joints]
         self._torque_limit_nm = np.array([config.torque_limit_nm for config in configs])
         self._speed_limit_rad_s = np.array([config.speed_limit_rad_s for config in configs])

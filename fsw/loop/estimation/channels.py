@@ -3,9 +3,13 @@
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any, Protocol
 
+import numpy as np
+
 from fsw.config import BusConfig, Config
 from fsw.drivers.codecs.canopen import COB_SYNC
+from fsw.drivers.layout.joints import layouts_of
 from fsw.drivers.sources import (
+    DescribedBusSource,
     FeedSource,
     ImuSource,
     JointBusSource,
@@ -43,11 +47,18 @@ class BusChannel:
         joints = [
             (i, joint)
             for i, joint in enumerate(config.joints)
-            if joint.bus == bus.name and joint.node_id is not None
+            if joint.bus == bus.name and joint.driver != "samples"
         ]
         wheels = [(i, wheel) for i, wheel in enumerate(config.wheels) if wheel.bus == bus.name]
         self.name = bus.name
-        self.source = JointBusSource(bus, joints, config.health)
+        layouts = layouts_of(config, bus)
+        self.source: JointBusSource | DescribedBusSource
+        self._starts = [COB_SYNC]  # words of frames that begin the grid of windows
+        if layouts:
+            self.source = DescribedBusSource(bus, joints, layouts, config.health)
+            self._starts = self._starts if bus.sync != "none" else self.source.words
+        else:
+            self.source = JointBusSource(bus, joints, config.health)
         thrusters = [(i, own) for i, own in enumerate(config.thrusters) if own.bus == bus.name]
         self.others: list[WheelBusSource | ThrusterBusSource] = []
         self.others += [WheelBusSource(bus, wheels)] if wheels else []
@@ -70,9 +81,12 @@ class BusChannel:
             self._waiting.append(traffic.frames)
 
     def first_ns(self) -> int | None:
-        """Return the stamp of the first SYNC among the waiting frames [ns]; None: no SYNC."""
-        syncs = [part["t_ns"][part["word"] == COB_SYNC] for part in self._waiting]
-        return next((int(t_ns[0]) for t_ns in syncs if t_ns.size), None)
+        """Return the stamp of the first waiting frame that begins the grid [ns]; None: none does.
+
+        It is a SYNC; on a bus without SYNC, a frame of a joint.
+        """
+        first = [part["t_ns"][np.isin(part["word"], self._starts)] for part in self._waiting]
+        return next((int(t_ns[0]) for t_ns in first if t_ns.size), None)
 
     def decoded(self) -> Iterator[tuple[Samples, bool]]:
         """Decode the waiting items; yield samples and whether to check them for stuck values."""

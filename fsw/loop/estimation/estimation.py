@@ -12,6 +12,7 @@ from typing import Any
 
 from fsw.config import Config
 from fsw.config.overlay import overlay
+from fsw.drivers.layout.joints import torque_steps_nm
 from fsw.errors import CommandError, EstimatorError, unforeseen
 from fsw.estimators.pipeline import (
     Estimator,
@@ -75,7 +76,7 @@ class Estimation(NullSink):
         self._urdf_text: str | None = None  # of an uplinked robot; None: as configured
         self.channels = channels_of(config, sampled)
         self.aligner = Aligner(config, len(config.joints))
-        self.health = Health(config)
+        self.health = Health(config, torque_steps_nm(config))
         telemetry = config.telemetry
         self.dispatcher = Dispatcher(
             self._pipeline.estimator,

@@ -1,0 +1,36 @@
+"""Conditions between buses and the devices on them, where some are described."""
+
+from collections.abc import Sequence
+
+from fsw.config.devices import BusConfig, JointConfig
+from fsw.config.thrusters import ThrusterConfig
+from fsw.config.wheels import WheelConfig
+
+
+def descriptions_go_with(
+    buses: Sequence[BusConfig],
+    joints: Sequence[JointConfig],
+    others: Sequence[WheelConfig | ThrusterConfig],
+) -> None:
+    """Raise ValueError for a bus that does not give its devices the SYNC that they need."""
+    for i, bus in enumerate(buses):
+        if bus.feed is not None:
+            continue
+        own = [(k, joint) for k, joint in enumerate(joints) if joint.bus == bus.name]
+        drivers = {joint.driver for _, joint in own}
+        if len(drivers) > 1 and "described" in drivers:
+            raise ValueError(f"buses.{i}.name: joints of drivers {sorted(drivers)}; must be of one")
+        tailored = [joint.name for _, joint in own if joint.driver == "canopen"]
+        tailored += [other.name for other in others if other.bus == bus.name]
+        for key, value, is_bare in (
+            ("sync", bus.sync, bus.sync == "none"),
+            ("sync_counter_max", bus.sync_counter_max, bus.sync_counter_max == 0),
+        ):
+            if tailored and is_bare:
+                raise ValueError(f"buses.{i}.{key}: {value!r}; {tailored[0]!r} needs its counter")
+        for k, joint in own:
+            by = "" if joint.timing is None else joint.timing.by
+            if by in ("last_sync", "echoed_counter") and bus.sync == "none":
+                raise ValueError(f"joints.{k}.timing.by: {by!r}; buses.{i}.sync is none")
+            if by == "echoed_counter" and bus.sync_counter_max == 0:
+                raise ValueError(f"joints.{k}.timing.by: {by!r}; buses.{i}.sync_counter_max is 0")

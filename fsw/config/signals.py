@@ -1,0 +1,135 @@
+"""Sections that describe frames of any CAN device, and say which of their signals a joint uses."""
+
+from math import pi, tau
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from fsw.config.base import Delay, Duration, Finite, Positive, Section
+
+Name = Annotated[str, Field(min_length=1, max_length=128)]
+StampSigma = Annotated[float, Field(ge=0, le=0.1, allow_inf_nan=False)]
+# SI units of one unit, by what is measured; spelled without spaces and in lower case
+UNITS: dict[str, dict[str, float]] = {
+    "position": {
+        "rad": 1.0, "mrad": 1e-3, "deg": pi / 180, "mdeg": pi / 180e3, "0.001deg": pi / 180e3,
+        "0.01deg": pi / 18e3, "rev": tau, "turn": tau, "turns": tau,
+    },
+    "speed": {
+        "rad/s": 1.0, "mrad/s": 1e-3, "deg/s": pi / 180, "rev/s": tau, "turn/s": tau,
+        "rpm": tau / 60, "rev/min": tau / 60,
+    },
+    "torque": {"nm": 1.0, "mnm": 1e-3, "unm": 1e-6},
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+}  # fmt: skip
+LINEAR: dict[str, dict[str, float]] = {  # of prismatic joints
+    "position": {"m": 1.0, "mm": 1e-3, "um": 1e-6},
+    "speed": {"m/s": 1.0, "mm/s": 1e-3},
+    "torque": {"n": 1.0, "mn": 1e-3, "kn": 1e3},
+    "time": UNITS["time"],
+}
+SCALED = {  # units that need a figure of the device: its key, and what divides or multiplies it
+    "counts": "counts_per_rev",
+    "permille": "rated_torque_nm",
+    "a": "nm_per_a",
+    "ma": "nm_per_a",
+}
+
+
+def plain_unit(unit: str) -> str:
+    """Return a unit without spaces, dots of products and capitals: N.m, N m and Nm are nm."""
+    short = unit.replace(" ", "").replace("*", "").replace("°", "deg").replace("‰", "permille")
+    return short.replace("N.m", "Nm").replace("µ", "u").lower()
+
+
+class LayoutSignalConfig(Section):
+    """One signal of a message: where its bits are, and what they mean."""
+
+    name: Name
+    start: int = Field(ge=0, le=511)  # as in a DBC: least (big-endian: most) significant bit
+    bits: int = Field(ge=1, le=64)
+    order: Literal["little", "big"] = "little"
+    number: Literal["unsigned", "signed", "float"] = "unsigned"
+    scale: Finite | None = None  # value = raw scale + offset; null: 1
+    offset: Finite | None = None  # null: 0
+    range: tuple[Finite, Finite] | None = None  # value of raw 0 and of the largest raw number
+    unit: str = ""
+    invalid: int | None = None  # raw value that stands for no value
+    multiplexer: str = ""  # signal that says whether this one is in the frame
+    pages: tuple[int, ...] = ()  # values of the multiplexer with which it is
+
+    @model_validator(mode="after")
+    def _one_scale(self) -> Self:
+        if self.range is not None and (self.scale is not None or self.offset is not None):
+            raise ValueError("range: given beside scale or offset; must be one of the two")
+        if self.range is not None and (self.number != "unsigned" or self.range[0] >= self.range[1]):
+            raise ValueError(
+                f"range: {list(self.range)} of a {self.number} number; must rise, and be of an "
+                "unsigned one"
+            )
+        if bool(self.multiplexer) != bool(self.pages):
+            raise ValueError("pages: go with multiplexer; must both be given, or none of them")
+        return self
+
+
+class LayoutMessageConfig(Section):
+    """One kind of frame on a bus."""
+
+    name: Name
+    id: int = Field(ge=0, le=0x1FFFFFFF)  # whole identifier
+    extended: bool = False  # 29 bits
+    length: int = Field(ge=1, le=64)  # bytes; shorter frames are rejected
+    signals: Annotated[tuple[LayoutSignalConfig, ...], Field(min_length=1, max_length=512)]
+
+
+Role = Literal["position", "speed", "torque", "time", "counter", "status"]
+
+
+class SignalConfig(Section):
+    """A signal that a joint uses, by message and name, and its unit."""
+
+    message: Name
+    signal: Name
+    unit: str | None = None  # null: as the description says
+    counts_per_rev: Positive | None = None  # for unit: counts, at the joint
+    rated_torque_nm: Positive | None = None  # for unit: permille
+    nm_per_a: Positive | None = None  # for unit: A or mA; torque constant times gear ratio
+    invalid: int | None = None  # raw value that stands for no value
+    mask: int | None = Field(default=None, ge=1, le=0xFFFFFFFF)  # for role status: these bits ...
+    value: int | None = Field(default=None, ge=0, le=0xFFFFFFFF)  # ... must be so, else no sample
+
+    @model_validator(mode="after")
+    def _figures(self) -> Self:
+        needed = SCALED.get(plain_unit(self.unit or ""))
+        for key in dict.fromkeys(SCALED.values()):
+            value = getattr(self, key)
+            if (key == needed) != (value is not None):
+                words = "missing" if key == needed else f"{value:g}; must be left out"
+                raise ValueError(f"{key}: {words} with unit {self.unit!r}")
+        return self
+
+    @property
+    def figure(self) -> float:
+        """Return the SI value of one step for the units in `SCALED`."""
+        if self.counts_per_rev is not None:
+            return tau / self.counts_per_rev
+        if self.rated_torque_nm is not None:
+            return self.rated_torque_nm * 1e-3
+        return (self.nm_per_a or 0.0) * (1e-3 if plain_unit(self.unit or "") == "ma" else 1.0)
+
+
+class TimingConfig(Section):
+    """How a joint's samples get their time of validity."""
+
+    by: Literal["echoed_counter", "last_sync", "arrival", "device_time"]
+    sigma_s: StampSigma | None = None  # 1 sigma of the error, sample by sample; null: 0
+    delay_s: Delay = 0.0  # from validity to the SYNC's stamp, or to sending
+    latest_s: Duration | None = None  # a later frame is not of the last SYNC; null: 0.9 periods
+    spread_s: Duration | None = None  # from first to last frame of a sample; null: half a period
+    clock_tolerance_ppm: float = Field(default=500.0, gt=0, le=50_000.0)  # of the device's clock
+
+    @model_validator(mode="after")
+    def _needed(self) -> Self:
+        if self.by in ("arrival", "device_time") and self.sigma_s is None:
+            raise ValueError(f"sigma_s: missing; timing by {self.by} needs it")
+        return self

@@ -1,0 +1,236 @@
+"""Which signals of which messages a joint uses: configuration and descriptions brought together."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from math import sqrt
+
+from fsw.config import BusConfig, Config, JointConfig
+from fsw.config.devices import TORQUE_STEP_NM
+from fsw.config.signals import (
+    LINEAR,
+    SCALED,
+    UNITS,
+    LayoutSignalConfig,
+    Role,
+    SignalConfig,
+    plain_unit,
+)
+from fsw.drivers.layout.files import read_messages, read_node
+from fsw.drivers.layout.signals import Message, Signal, faults
+from fsw.errors import ConfigError, brief
+
+ROLES = 5
+POSITION, TORQUE, TIME, COUNTER, STATUS = range(ROLES)  # a speed is in place of a position
+_ROLES: dict[Role, int] = {
+    "position": POSITION,
+    "speed": POSITION,
+    "torque": TORQUE,
+    "time": TIME,
+    "counter": COUNTER,
+    "status": STATUS,
+}
+MOST_CLOCK_BITS = 48  # of device time: an exact number, and longer than any silence
+FLOAT_STEPS = 2**11  # least steps of a converter behind a float, from zero to the torque's limit
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Use:
+    """One signal that a joint uses; its value in SI is the decoded one times `factor`."""
+
+    role: int
+    message: Message
+    signal: Signal
+    factor: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JointLayout:
+    """The signals of one joint, by role."""
+
+    uses: tuple[Use, ...]
+
+    def use(self, role: int) -> Use | None:
+        """Return the signal of a role; None: the joint has none."""
+        return next((use for use in self.uses if use.role == role), None)
+
+    @property
+    def messages(self) -> tuple[Message, ...]:
+        """Messages of which a sample consists; the first has the position and counts as its time.
+
+        Each message is there once.
+        """
+        return tuple({use.message.word: use.message for use in self.uses}.values())
+
+
+def layouts_of(config: Config, bus: BusConfig) -> dict[int, JointLayout]:
+    """Return the layouts of a bus's described joints, by index of the joint.
+
+    Raises
+    ------
+    ConfigError with one line per fault.
+    """
+    joints = [
+        (i, joint)
+        for i, joint in enumerate(config.joints)
+        if joint.bus == bus.name and joint.driver == "described"
+    ]
+    if not joints:
+        return {}
+    shared, lines, found = _messages_of(config, bus), list[str](), dict[int, JointLayout]()
+    for i, joint in joints:
+        own = shared
+        if joint.description is not None and joint.node_id is not None:
+            own = read_node(config.resolve(joint.description), joint.node_id)
+        try:
+            found[i] = _layout_of(joint, own)
+        except ConfigError as error:
+            lines += [f"joints.{i}.signals.{line}" for line in str(error).splitlines()]
+    if lines:
+        raise ConfigError("\n".join(lines))
+    return found
+
+
+def torque_steps_nm(config: Config) -> list[float]:
+    """Return the resolution of every joint's torque on the wire [N m]."""
+    layouts = {i: own for bus in config.buses for i, own in layouts_of(config, bus).items()}
+    return [
+        _torque_step_nm(joint, layouts.get(i)) if i in layouts else TORQUE_STEP_NM[joint.format]
+        for i, joint in enumerate(config.joints)
+    ]
+
+
+def _torque_step_nm(joint: JointConfig, layout: JointLayout | None) -> float:
+    use = None if layout is None else layout.use(TORQUE)
+    if use is None or use.signal.number == "float":
+        return joint.torque_limit_nm / FLOAT_STEPS
+    return abs(use.signal.scale * use.factor)
+
+
+def position_step_rad(joint: JointConfig, layout: JointLayout) -> float:
+    """Return the resolution of a joint's encoder; of a float, the one that its noise may hide."""
+    use = layout.use(POSITION)
+    if use is None or use.signal.number == "float":
+        return joint.position_noise_rad * sqrt(12.0)
+    return abs(use.signal.scale * use.factor)
+
+
+def _messages_of(config: Config, bus: BusConfig) -> dict[str, Message]:
+    """Return the messages of a bus's file and of its own keys."""
+    found: dict[str, Message] = {}
+    if bus.description is not None:
+        found |= read_messages(config.resolve(bus.description))
+    for own in bus.messages:
+        if own.name in found:
+            raise ConfigError(f"buses.{bus.name}.messages: {own.name!r} is there twice")
+        found[own.name] = Message(
+            name=own.name,
+            identifier=own.id,
+            is_extended=own.extended,
+            length=own.length,
+            signals=tuple(_signal_of(signal) for signal in own.signals),
+        )
+    return found
+
+
+def _signal_of(own: LayoutSignalConfig) -> Signal:
+    scale = 1 if own.scale is None else own.scale
+    offset = own.offset or 0
+    if own.range is not None:
+        low, high = own.range
+        scale, offset = (high - low) / ((1 << own.bits) - 1), low
+    return Signal(
+        name=own.name,
+        start=own.start,
+        bits=own.bits,
+        big_endian=own.order == "big",
+        number=own.number,
+        scale=scale,
+        offset=offset,
+        unit=own.unit,
+        invalid=own.invalid,
+        selector=own.multiplexer,
+        pages=frozenset(own.pages),
+    )
+
+
+def _layout_of(joint: JointConfig, messages: Mapping[str, Message]) -> JointLayout:
+    uses, lines = [], []
+    for name, role in _ROLES.items():
+        own = (joint.signals or {}).get(name)
+        if own is None:
+            continue
+        try:
+            uses.append(_use(joint, name, role, own, messages))
+        except ConfigError as error:
+            lines.append(f"{name}.{error}")
+    if not lines:
+        lines += _status_faults(uses)
+    if lines:
+        raise ConfigError("\n".join(lines))
+    return JointLayout(uses=tuple(uses))
+
+
+def _use(
+    joint: JointConfig, name: str, role: int, own: SignalConfig, messages: Mapping[str, Message]
+) -> Use:
+    message = messages.get(own.message)
+    if message is None:
+        raise ConfigError(f"message: {own.message!r} is not described; {_some(messages)} are")
+    for fault in faults(message):
+        raise ConfigError(f"message: {fault}")
+    signal = message.signal(own.signal)
+    if signal is None:
+        has = _some({each.name: each for each in message.signals})
+        raise ConfigError(f"signal: {own.signal!r} is not in {message.name}; {has} are")
+    if own.invalid is not None:
+        signal = replace(signal, invalid=own.invalid)
+    if name in ("counter", "status", "time") and signal.number == "float":
+        raise ConfigError(f"signal: {own.signal!r} is a float; must be an integer")
+    if name in ("counter", "status"):
+        return Use(role=role, message=message, signal=_raw(signal), factor=1.0)
+    factor = _factor(joint, name, own, signal)
+    if name == "time":
+        step_s = abs(signal.scale) * factor
+        return Use(role=role, message=message, signal=_clock(_raw(signal)), factor=step_s)
+    return Use(role=role, message=message, signal=signal, factor=factor)
+
+
+def _raw(signal: Signal) -> Signal:
+    return replace(signal, scale=1, offset=0, number="unsigned")
+
+
+def _clock(signal: Signal) -> Signal:
+    """Return the low bits of a device's time."""
+    spare = max(0, signal.bits - MOST_CLOCK_BITS)
+    if spare and signal.big_endian:
+        place = signal.places()[spare]
+        return replace(signal, start=place // 8 * 8 + 7 - place % 8, bits=MOST_CLOCK_BITS)
+    return replace(signal, bits=signal.bits - spare)
+
+
+def _factor(joint: JointConfig, name: str, own: SignalConfig, signal: Signal) -> float:
+    """Return the SI value of a signal's unit."""
+    unit = plain_unit(own.unit if own.unit is not None else signal.unit)
+    table = (UNITS if joint.kind == "revolute" else LINEAR)[name]
+    scaled = {"position": ("counts",), "torque": ("permille", "a", "ma")}.get(name, ())
+    if unit in SCALED and unit in scaled:
+        if not own.figure:
+            raise ConfigError(f"{SCALED[unit]}: missing; the description says {signal.unit!r}")
+        return own.figure
+    if unit not in table:
+        known = ", ".join([*table, *scaled])
+        raise ConfigError(f"unit: {own.unit or signal.unit!r} is not known; must be one of {known}")
+    return table[unit]
+
+
+def _status_faults(uses: list[Use]) -> Iterator[str]:
+    """Yield a line if status has a message of its own, which might come at another rate."""
+    others = {use.message.word for use in uses if use.role != STATUS}
+    for use in uses:
+        if use.role == STATUS and use.message.word not in others:
+            yield f"status.message: {use.message.name!r} holds no other signal of the joint"
+
+
+def _some(names: Mapping[str, object]) -> str:
+    listed = ", ".join(list(names)[:8])
+    return brief(listed) if len(names) <= 8 else f"{listed} ..."

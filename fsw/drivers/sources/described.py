@@ -1,0 +1,340 @@
+"""Joints of one bus whose frames a description gives: frames to calibrated, timed samples."""
+
+from collections import deque
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fsw.config import BusConfig, HealthConfig, JointConfig
+from fsw.config.signals import TimingConfig
+from fsw.drivers.codecs.canopen import COB_SYNC
+from fsw.drivers.layout.joints import (
+    COUNTER,
+    POSITION,
+    STATUS,
+    TIME,
+    TORQUE,
+    JointLayout,
+    position_step_rad,
+)
+from fsw.drivers.sources.bus_errors import BusErrors
+from fsw.drivers.sources.counters import Counters
+from fsw.drivers.sources.described_frames import FrameReader
+from fsw.drivers.sources.groups import Arrivals, Group, Grouping
+from fsw.drivers.sources.joint_track import HISTORY_SYNCS, Calibration, JointTracks, Readings
+from fsw.drivers.sources.sync import UNKNOWN, SyncHistory, history_of
+from fsw.drivers.sources.validity import ByArrival, ByDeviceTime, Validity, wire_s
+from fsw.drivers.wire import ERR_FLAG, FrameArray, Reject, frame_at
+from fsw.messages import FloatArray, IntArray, JointSamples, joined
+from fsw.messages.findings import Fault, Finding
+
+LATEST_RATIO = 0.9  # of a period: a later frame is not of the last SYNC
+SPREAD_RATIO = 0.5  # of a period between the frames of one sample
+REPEAT_NS = 100_000_000  # a joint that stays silent is reported again after this time
+MAX_EVENTS = MAX_FINDINGS = 256
+HELD_SYNCS = 64
+MOST_FRAMES = HISTORY_SYNCS // 2  # in a batch; a longer one is split, so that every loss is counted
+ERROR_BUS_OFF = 0x040
+
+
+class _Timed(NamedTuple):
+    """Samples of all joints, sorted by joint; all arrays (k,), `values` (k, roles)."""
+
+    joint: IntArray
+    sent_ns: IntArray
+    sent_row: IntArray
+    done_ns: IntArray
+    values: FloatArray
+
+
+class DescribedBusSource:
+    """Every described joint of one bus.
+
+    A joint's sample is put together from the frames that its description names, and gets its time
+    by the joint's own `timing`. Frames of no joint are ignored.
+    """
+
+    def __init__(
+        self,
+        bus: BusConfig,
+        joints: Sequence[tuple[int, JointConfig]],
+        layouts: Mapping[int, JointLayout],
+        health: HealthConfig | None = None,
+    ) -> None:
+        self._bus = bus
+        self._indexes = np.array([i for i, _ in joints], np.int64)
+        self._joints = [joint for _, joint in joints]
+        self._layouts = [layouts[i] for i, _ in joints]
+        period_s = 1.0 / bus.rate_hz
+        self._period_ns = round(1e9 * period_s)
+        self._silent_ns = round((health or HealthConfig()).silent_periods * self._period_ns)
+        self._reader = FrameReader(self._layouts)
+        steps_rad = [
+            position_step_rad(*own) for own in zip(self._joints, self._layouts, strict=True)
+        ]
+        self._tracks = JointTracks(joints, period_s, steps_rad)
+        self._calibration = Calibration(self._joints, on_wire=False)
+        self._senses = np.array([joint.torque != "none" for joint in self._joints])
+        timings = [_timing_of(joint) for joint in self._joints]
+        self._groups = [
+            Grouping(len(layout.messages), round((own.spread_s or SPREAD_RATIO * period_s) * 1e9))
+            for own, layout in zip(timings, self._layouts, strict=True)
+        ]
+        self._delay_ns = np.array([round(own.delay_s * 1e9) for own in timings])
+        self._latest_ns = np.array(
+            [round((own.latest_s or LATEST_RATIO * period_s) * 1e9) for own in timings]
+        )
+        self._by = np.array([own.by for own in timings])
+        self._validity = [
+            _validity_of(bus, own, layout)
+            for own, layout in zip(timings, self._layouts, strict=True)
+        ]
+        statuses = [(joint.signals or {}).get("status") for joint in self._joints]
+        self._mask = np.array([(own and own.mask) or 0 for own in statuses])
+        self._wanted = np.array([(own and own.value) or 0 for own in statuses])
+        self._syncs: SyncHistory = history_of(bus)
+        self._sync_ns, self._sync_count = np.empty(0, np.int64), 0  # stamps of the newest SYNCs
+        self._heard_ns: list[int | None] = [None] * len(joints)
+        self._reported_ns = [0] * len(joints)
+        self._settled = [0] * len(joints)  # index up to which lost samples are counted
+        self._errors, self._other_frames = BusErrors(), 0
+        self._torque_unusable = 0
+        self._events: deque[tuple[str, str, str]] = deque(maxlen=MAX_EVENTS)
+        self._found: deque[Finding] = deque(maxlen=MAX_FINDINGS)
+
+    @property
+    def counters(self) -> dict[str, int]:
+        """Counters of the whole bus."""
+        out = Counters().as_dict()
+        for track in self._tracks:
+            for key, value in track.counts.as_dict().items():
+                out[key] += value
+        out["sync"] = self._sync_count
+        out["other_frames"] = self._other_frames
+        out["error_frames"] = self._errors.frames
+        out.update({f"can_{name}": count for name, count in self._errors.counts.items()})
+        out["torque_unusable"] = self._torque_unusable
+        out["incomplete"] = sum(group.headless for group in self._groups)
+        return out
+
+    @property
+    def joint_counters(self) -> dict[int, dict[str, int]]:
+        """Counters by index of the joint."""
+        return {track.index: track.counts.as_dict() for track in self._tracks}
+
+    @staticmethod
+    def motor_side() -> dict[str, dict[str, float]]:
+        """Return nothing: slow values of described joints are not read."""
+        return {}
+
+    def events(self) -> list[tuple[str, str, str]]:
+        """Return the events since the last call: severity, code and text of each."""
+        out = list(self._events)
+        self._events.clear()
+        return out
+
+    def findings(self) -> list[Finding]:
+        """Return the findings since the last call, in order of time."""
+        found = sorted(self._found, key=lambda finding: finding.t_ns)
+        self._found.clear()
+        return found
+
+    @property
+    def words(self) -> list[int]:
+        """Identifiers of the joints' frames, with flag bits."""
+        return [int(word) for word in self._reader.words]
+
+    def watch(self, now_ns: int, *, up: bool) -> None:
+        """Report silent joints; a missing port (`up` is False) explains their silence."""
+        for place, heard_ns in enumerate(self._heard_ns):
+            if heard_ns is None:
+                continue
+            if not up:
+                self._heard_ns[place] = None
+            elif now_ns - max(heard_ns + self._silent_ns, self._reported_ns[place]) > 0:
+                self._reported_ns[place] = now_ns + REPEAT_NS
+                age_s = (now_ns - heard_ns) * 1e-9
+                self._find(now_ns, Fault.JOINT_SILENT, place, f"no sample for {age_s:.3f} s")
+
+    def feed(self, frames: FrameArray) -> JointSamples:
+        """Accept frames in order, sent ones included, and return the samples they hold."""
+        if len(frames) <= MOST_FRAMES:
+            return self._feed(frames)
+        cuts = range(MOST_FRAMES, len(frames), MOST_FRAMES)
+        return joined([self._feed(part) for part in np.split(frames, cuts)])
+
+    def _feed(self, frames: FrameArray) -> JointSamples:
+        words = np.ascontiguousarray(frames["word"])
+        is_own = np.isin(words, self._reader.words)
+        is_sync = words == COB_SYNC
+        self._other_frames += int(len(words) - np.count_nonzero(is_own | is_sync))
+        for row in np.flatnonzero(words & np.uint32(ERR_FLAG)).tolist():
+            self._error(frames, row)
+        sync_rows = np.flatnonzero(is_sync)
+        sync_ns = frames["t_ns"][sync_rows].astype(np.int64)
+        self._note_syncs(frames, sync_rows)
+        joint, arrivals, short = self._reader.read(frames, words)
+        for place, at_ns, size in short:
+            self._refuse(place, at_ns, Reject.LENGTH, size, f"{size} bytes")
+        self._sync_ns = np.concatenate([self._sync_ns, sync_ns])
+        self._sync_count += len(sync_ns)
+        timed = self._grouped(joint, arrivals)
+        index, t_ns = self._times(timed)
+        self._sync_ns = self._sync_ns[-HELD_SYNCS:]
+        return self._judged(timed, index, t_ns)
+
+    def _note_syncs(self, frames: FrameArray, rows: NDArray[np.intp]) -> None:
+        """Give SYNCs with a counter to the history for echoed ones."""
+        if not (self._by == "echoed_counter").any():
+            return
+        for row in rows.tolist():
+            data = frames["data"][row, : int(frames["length"][row])].tobytes()
+            self._syncs.add(data, int(frames["t_ns"][row]), row)
+
+    def _error(self, frames: FrameArray, row: int) -> None:
+        frame = frame_at(frames, row)
+        for severity, code, text in self._errors.feed(frame):
+            self._events.append((severity, code, f"{self._bus.name}: {text}"))
+        if frame.can_id & ERROR_BUS_OFF:
+            text = "the controller went bus-off"
+            self._found.append(Finding(frame.t_ns, Fault.BUS_OFF, self._bus.name, text))
+
+    def _grouped(self, joint: IntArray, arrivals: Arrivals) -> _Timed:
+        """Return the samples of all joints."""
+        bounds = np.searchsorted(joint, np.arange(len(self._joints) + 1)).tolist()
+        groups: list[Group] = []
+        counts = []
+        for place, group in enumerate(self._groups):
+            own = arrivals.part(slice(bounds[place], bounds[place + 1]))
+            if len(own.t_ns):
+                self._heard_ns[place] = int(own.t_ns[-1])
+            groups.append(group.feed(own))
+            counts.append(len(groups[-1].sent_ns))
+        return _Timed(
+            np.repeat(np.arange(len(counts)), counts),
+            *(np.concatenate(column) for column in zip(*groups, strict=True)),
+        )
+
+    def _times(self, timed: _Timed) -> tuple[IntArray, IntArray]:
+        """Return the running index of every sample, UNKNOWN if it has no time, and its time."""
+        index, t_ns = np.full(len(timed.joint), UNKNOWN), timed.sent_ns.copy()
+        by = self._by[timed.joint]
+        if (own := by == "last_sync").any() and len(self._sync_ns):
+            last = np.searchsorted(self._sync_ns, timed.sent_ns[own]) - 1
+            stamp_ns = self._sync_ns[np.maximum(last, 0)]
+            found = timed.sent_ns[own] - stamp_ns <= self._latest_ns[timed.joint[own]]
+            found &= last >= 0
+            index[own] = np.where(found, self._sync_count - len(self._sync_ns) + last, UNKNOWN)
+            t_ns[own] = stamp_ns
+        if (own := by == "echoed_counter").any():
+            counters = np.nan_to_num(timed.values[own, COUNTER]).astype(np.int64)
+            rows = np.maximum(timed.sent_row[own], 0)
+            order = np.argsort(rows, kind="stable")
+            matched = self._syncs.match(counters[order], rows[order], timed.sent_ns[own][order])
+            places = np.flatnonzero(own)[order]
+            index[places] = np.where(matched.crept, UNKNOWN, matched.sync)
+            t_ns[places] = matched.stamp_ns
+        for k in np.flatnonzero((by == "arrival") | (by == "device_time")).tolist():
+            validity = self._validity[timed.joint[k]]
+            if validity is not None:
+                stamp = validity.stamp(int(timed.sent_ns[k]), float(timed.values[k, TIME]))
+                index[k], t_ns[k] = stamp
+        return index, t_ns + self._offset_ns(by) - self._delay_ns[timed.joint]
+
+    def _offset_ns(self, by: NDArray[np.str_]) -> IntArray:
+        """Return the bus's latch offset for samples timed by SYNC."""
+        latch_ns = round(self._bus.latch_offset_s * 1e9)
+        return np.where((by == "last_sync") | (by == "echoed_counter"), latch_ns, 0)
+
+    def _judged(self, timed: _Timed, index: IntArray, t_ns: IntArray) -> JointSamples:
+        """Return the samples that are usable; count and report the others."""
+        joint, values = timed.joint, timed.values
+        status = np.nan_to_num(values[:, STATUS]).astype(np.int64)
+        good_status = status & self._mask[joint] == self._wanted[joint]
+        good_status &= ~np.isnan(values[:, STATUS]) | (self._mask[joint] == 0)
+        valid = good_status & np.isfinite(values[:, POSITION])
+        usable = valid & (index >= 0)
+        for k in np.flatnonzero(~usable).tolist():
+            if index[k] < 0:
+                self._refuse(joint[k], int(timed.done_ns[k]), Reject.STALE, 0, "no time")
+            else:
+                text = f"status 0x{status[k]:x}" if not good_status[k] else "the invalid value"
+                self._refuse(joint[k], int(timed.done_ns[k]), Reject.STATUS, 0, text)
+        position, torque = self._calibration.apply(joint, values[:, POSITION], values[:, TORQUE])
+        torque[~(np.isfinite(torque) & self._senses[joint])] = np.nan
+        order = np.flatnonzero(usable)
+        counts = np.bincount(joint[order], minlength=len(self._joints)).tolist()
+        readings = Readings(
+            sync=index[order],
+            t_ns=t_ns[order],
+            position_rad=position[order],
+            torque_nm=torque[order],
+            in_time=np.ones(len(order), np.bool_),
+        )
+        for place, reason, fault in self._tracks.judge(counts, readings):
+            row = int(order[place])
+            usable[row] = False
+            counts[joint[row]] -= 1
+            self._refuse(joint[row], int(timed.done_ns[row]), reason, 0, "", fault)
+        for place, (track, count) in enumerate(zip(self._tracks, counts, strict=True)):
+            track.counts.accepted += count
+            if track.newest > self._settled[place]:
+                lost = track.counts.lost
+                track.settle(self._settled[place], track.newest)
+                self._settled[place] = track.newest
+                if track.counts.lost > lost and count:
+                    text = f"{track.counts.lost - lost} samples missing"
+                    self._find(self._heard_ns[place] or 0, Fault.JOINT_LOST, place, text)
+        without = usable & self._senses[joint] & np.isnan(torque)
+        self._torque_unusable += int(without.sum())
+        for k in np.flatnonzero(without).tolist():
+            self._find(int(timed.done_ns[k]), Fault.TORQUE_FAULT, int(joint[k]), "no torque")
+        return JointSamples(
+            t_ns=t_ns[usable],
+            t_receive_ns=timed.done_ns[usable],
+            joint=self._indexes[joint[usable]],
+            position_rad=position[usable],
+            torque_nm=torque[usable],
+        )
+
+    def _refuse(
+        self,
+        place: int,
+        t_ns: int,
+        reason: Reject,
+        size: int,
+        text: str,
+        fault: Fault | None = None,
+    ) -> None:
+        """Count and report a sample or frame that is not used."""
+        self._tracks[place].counts.reject(reason, size)
+        known = {
+            Reject.LENGTH: Fault.JOINT_LENGTH,
+            Reject.STALE: Fault.JOINT_COUNTER,
+            Reject.STATUS: Fault.ENCODER_FAULT,
+        }
+        if (found := fault or known.get(reason)) is not None:
+            self._find(t_ns, found, place, text)
+
+    def _find(self, t_ns: int, fault: Fault, place: int, text: str) -> None:
+        self._found.append(Finding(t_ns, fault, self._joints[place].name, text))
+
+
+def _timing_of(joint: JointConfig) -> TimingConfig:
+    if joint.timing is None:
+        raise ValueError(f"{joint.name}: no timing")
+    return joint.timing
+
+
+def _validity_of(bus: BusConfig, timing: TimingConfig, layout: JointLayout) -> Validity | None:
+    """Return the clock of a device with a time of its own; None: SYNC gives the time."""
+    period_s, ppm = 1.0 / bus.rate_hz, timing.clock_tolerance_ppm
+    wire_ns = wire_s(layout.messages[0], bus) * 1e9
+    if timing.by == "arrival":
+        return ByArrival(period_s, ppm, wire_ns)
+    time = layout.use(TIME)
+    if timing.by == "device_time" and time is not None:
+        return ByDeviceTime(1 << time.signal.bits, time.factor, period_s, ppm, wire_ns)
+    return None

@@ -1,0 +1,116 @@
+"""Frames of described joints: which message is whose, decoded layout by layout."""
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fsw.drivers.layout.decoder import Decoder
+from fsw.drivers.layout.joints import ROLES, TIME, JointLayout, Use
+from fsw.drivers.layout.signals import Message
+from fsw.drivers.sources.groups import Arrivals
+from fsw.drivers.wire import FrameArray
+from fsw.messages import IntArray
+
+_Slot = tuple[int, int, tuple[Use, ...]]  # joint, which of its messages, the signals it uses
+_Short = tuple[int, int, int]  # joint, stamp [ns] and bytes of a frame that is too short
+
+
+class _Kind(NamedTuple):
+    """Messages of one layout, which are decoded together; rows of the tables are messages."""
+
+    decoder: Decoder
+    roles: list[int]  # of the decoded signals
+    factors: list[float]
+    slots: list[range]  # the decoded signals that one joint uses
+    words: NDArray[np.uint32]
+    lengths: IntArray
+    joints: IntArray  # (messages, slots) place of the joint
+    members: IntArray  # (messages, slots) which of the joint's messages this is
+
+
+class FrameReader:
+    """Reads the frames of all described joints of a bus."""
+
+    def __init__(self, layouts: Sequence[JointLayout]) -> None:
+        self._kinds = _kinds_of(layouts)
+        words = [kind.words for kind in self._kinds]
+        self.words: NDArray[np.uint32] = np.concatenate(words)
+
+    def read(
+        self, frames: FrameArray, words: NDArray[np.uint32]
+    ) -> tuple[IntArray, Arrivals, list[_Short]]:
+        """Return the frames of every joint, sorted by joint and in order.
+
+        Returns
+        -------
+        joint : (k,) place of the joint in the list of layouts
+        arrivals : values in SI units; device times are as on the wire
+        short : frames that are shorter than their message
+        """
+        none = np.empty(0, np.int64)
+        joints, short = [none], list[_Short]()
+        parts = [Arrivals(none, none, none, np.empty((0, ROLES)))]
+        for kind in self._kinds:
+            place = np.searchsorted(kind.words, words)
+            place[place == len(kind.words)] = 0
+            rows = np.flatnonzero(kind.words[place] == words)
+            if not rows.size:
+                continue
+            own, place = frames.take(rows), place[rows]
+            is_short = own["length"] < kind.lengths[place]
+            if is_short.any():
+                short += _short(kind, own[is_short], place[is_short])
+                own, rows, place = own[~is_short], rows[~is_short], place[~is_short]
+            columns = kind.decoder(own["data"])
+            t_ns = own["t_ns"].astype(np.int64)
+            for slot, signals in enumerate(kind.slots):
+                values = np.full((len(rows), ROLES), np.nan)
+                for k in signals:
+                    values[:, kind.roles[k]] = columns[k] * kind.factors[k]
+                joints.append(kind.joints[place, slot])
+                parts.append(Arrivals(kind.members[place, slot], t_ns, rows, values))
+        joint = np.concatenate(joints)
+        whole = Arrivals(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+        order = np.lexsort((whole.row, joint))
+        return joint[order], whole.part(order), short
+
+
+def _short(kind: _Kind, own: FrameArray, place: NDArray[np.intp]) -> list[_Short]:
+    rows = zip(own["t_ns"].tolist(), own["length"].tolist(), place.tolist(), strict=True)
+    return [(joint, t_ns, size) for t_ns, size, at in rows for joint in kind.joints[at].tolist()]
+
+
+def _kinds_of(layouts: Sequence[JointLayout]) -> list[_Kind]:
+    """Return the kinds of messages that the joints use, those of equal layout together."""
+    messages = {own.word: own for layout in layouts for own in layout.messages}
+    slots: dict[int, list[_Slot]] = {}
+    for joint, layout in enumerate(layouts):
+        for member, message in enumerate(layout.messages):
+            uses = tuple(use for use in layout.uses if use.message.word == message.word)
+            slots.setdefault(message.word, []).append((joint, member, uses))
+    alike: dict[tuple[object, ...], list[int]] = {}
+    for word, own in sorted(slots.items()):
+        used = tuple(tuple((u.role, u.signal, u.factor) for u in uses) for _, _, uses in own)
+        alike.setdefault((messages[word].signals, used), []).append(word)
+    return [_kind_of(words, messages, slots) for words in alike.values()]
+
+
+def _kind_of(
+    words: list[int], messages: Mapping[int, Message], slots: Mapping[int, list[_Slot]]
+) -> _Kind:
+    first = slots[words[0]]
+    used = [use for _, _, uses in first for use in uses]
+    bounds = np.cumsum([0, *(len(uses) for _, _, uses in first)]).tolist()
+    return _Kind(
+        decoder=Decoder(messages[words[0]], [use.signal for use in used]),
+        roles=[use.role for use in used],
+        factors=[1.0 if use.role == TIME else use.factor for use in used],
+        slots=[range(start, stop) for start, stop in pairwise(bounds)],
+        words=np.array(words, np.uint32),
+        lengths=np.array([messages[word].length for word in words]),
+        joints=np.array([[joint for joint, _, _ in slots[word]] for word in words]),
+        members=np.array([[member for _, member, _ in slots[word]] for word in words]),
+    )

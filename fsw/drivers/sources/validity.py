@@ -1,0 +1,136 @@
+"""Times of validity of frames that echo no counter of SYNC: by arrival, and by device time.
+
+Both fit a line under all arrivals (`clock_model`), each device's own. Without a counter the samples
+are counted by that line and the nominal period: an arrival may be late by most of a period and
+never early. If all arrivals of a second are late, the device's timer has changed its phase.
+"""
+
+from math import floor, inf
+from typing import NamedTuple, Protocol
+
+from fsw.config import BusConfig
+from fsw.drivers.layout.signals import Message
+from fsw.drivers.sources.clock_model import ClockModel
+from fsw.drivers.sources.sequence import Counted, CounterTrack, Step
+
+SETTLED = 50  # samples after which an arrival before the line is impossible
+EARLY_RATIO = 0.1  # of a period: an arrival that much before the line may be of the line's error
+LATE_RATIO = 0.25  # of a period: if SETTLED arrivals in a row are later, the phase has changed
+DOUBTED = 3  # impossible arrivals in a row after which the line begins anew
+REFUSED = -1
+ASSUMED_BITRATE = 1_000_000
+HEAD_BITS, EXTENDED_HEAD_BITS = 47, 67  # of a frame without data and stuff bits
+
+
+class Stamp(NamedTuple):
+    """A sample's running number, REFUSED if it has no time, and its time of validity."""
+
+    number: int
+    t_ns: int
+
+
+class Validity(Protocol):
+    """Gives the samples of one device their times."""
+
+    def stamp(self, t_ns: int, device: float) -> Stamp:
+        """Accept the next sample: stamp of its frame [ns], device time on the wire [ticks]."""
+        ...
+
+
+class ByArrival:
+    """Samples of a device that sends by a timer of its own, without any time.
+
+    Parameters
+    ----------
+    period_s : nominal period of the timer
+    tolerance_ppm : bound of the timer's rate error
+    wire_ns : time on the wire of a frame
+    """
+
+    def __init__(self, period_s: float, tolerance_ppm: float, wire_ns: float) -> None:
+        self._clock = ClockModel(period_s, tolerance_ppm)
+        self._period_ns, self._wire_ns = period_s * 1e9, wire_ns
+        self._newest = -1
+        self._begin()
+
+    def _begin(self) -> None:
+        self._clock.reset()
+        self._accepted = self._doubted = 0
+        self._least_ns, self._watched = inf, 0
+
+    def stamp(self, t_ns: int, device: float) -> Stamp:  # noqa: ARG002
+        """Accept the next sample; `device` has no use."""
+        clock = self._clock
+        index = self._newest + 1
+        if clock.ready:
+            early = EARLY_RATIO if self._accepted > SETTLED else 0.5
+            index = floor(clock.device_time(t_ns - self._wire_ns) + early)
+            if index <= self._newest:
+                self._doubted += 1
+                if self._doubted < DOUBTED:
+                    return Stamp(REFUSED, 0)
+                self._begin()
+                index = self._newest + 1
+        clock.observe(index, t_ns, -self._wire_ns)
+        self._newest = index
+        self._accepted, self._doubted = self._accepted + 1, 0
+        reference_ns, rest_ns = clock.predict_ns(index)
+        self._watch(t_ns - self._wire_ns - reference_ns - rest_ns)
+        return Stamp(index, reference_ns + round(rest_ns))
+
+    def _watch(self, late_ns: float) -> None:
+        """Begin anew if every one of SETTLED arrivals was late; the next sample is the first."""
+        self._least_ns = min(self._least_ns, late_ns)
+        self._watched += 1
+        if self._watched == SETTLED:
+            is_late = self._least_ns > LATE_RATIO * self._period_ns
+            self._least_ns, self._watched = inf, 0
+            if is_late:
+                self._begin()
+
+
+class ByDeviceTime:
+    """Samples that hold the time of the device's own clock, which may wrap.
+
+    Parameters
+    ----------
+    modulus, tick_s : where the device's time wraps, and its nominal unit
+    period_s : nominal period of the samples
+    tolerance_ppm : bound of the clock's rate error
+    wire_ns : time on the wire of a frame
+    """
+
+    def __init__(
+        self, modulus: int, tick_s: float, period_s: float, tolerance_ppm: float, wire_ns: float
+    ) -> None:
+        self._clock = ClockModel(tick_s, tolerance_ppm)
+        self._step = period_s / tick_s
+        self._track = CounterTrack(modulus, tick_s, self._step)
+        self._wire_ns = wire_ns
+        self._newest, self._ticks = -1, 0
+
+    def stamp(self, t_ns: int, device: float) -> Stamp:
+        """Accept the next sample."""
+        if device != device:  # noqa: PLR0124  # not in the sample
+            return Stamp(REFUSED, 0)
+        counted = Counted(int(device), t_ns, t_ns - self._wire_ns, 1)
+        step = self._track.check(counted, self._clock)
+        if step in (Step.WRONG, Step.UNTRUE):
+            return Stamp(REFUSED, 0)
+        if step is Step.RESTART:
+            self._clock.reset()
+        ticks = self._track.accept(counted, self._clock, step)
+        self._clock.observe(ticks, t_ns, -self._wire_ns)
+        self._newest += (
+            max(1, round((ticks - self._ticks) / self._step)) if self._newest >= 0 else 1
+        )
+        self._ticks = ticks
+        reference_ns, rest_ns = self._clock.predict_ns(ticks)
+        return Stamp(self._newest, reference_ns + round(rest_ns))
+
+
+def wire_s(message: Message, bus: BusConfig) -> float:
+    """Return the least time of a message on the wire, without stuff bits [s]."""
+    bitrate = bus.bitrate or ASSUMED_BITRATE
+    head = EXTENDED_HEAD_BITS if message.is_extended else HEAD_BITS
+    return head / bitrate + 8 * message.length / (bus.data_bitrate or bitrate)
