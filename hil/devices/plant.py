@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from hil.devices.bus_toggle import BusToggle
 from hil.devices.can_segment import CanSegment, SyncProducer, TimedFrame
 from hil.devices.canopen import SYNC_ID, FieldScale, JointNode, Reading
+from hil.devices.cyclic import CyclicSegment
 from hil.devices.feed import Feed
 from hil.devices.imu import Imu
 from hil.devices.star_tracker import StarTracker
@@ -68,7 +69,7 @@ class Plant:
             raise ValueError(f"joints.nodes: {len(self.nodes)} nodes for a robot of {n} joints")
         feed = sensors.joints.feed
         rate_hz = sensors.joints.sync_rate_hz or sync_rate_hz
-        rate_hz = rate_hz if feed is None else feed.rate_hz
+        self._rate_hz = rate_hz = rate_hz if feed is None else feed.rate_hz
         self.joint_errors = JointErrors(sensors.joints, n, seed, rate_hz, sliding)
         if sensors.joints.torque == "motor_current":
             self._table.measure_at_motors(self.joint_errors.motor_side)
@@ -105,7 +106,7 @@ class Plant:
         if self.star_tracker is not None:
             self.lines["star_tracker"] = self.star_tracker
 
-    def _segment(self, name: str, index: int, seed: int, t0_ns: int) -> CanSegment:
+    def _segment(self, name: str, index: int, seed: int, t0_ns: int) -> CanSegment | CyclicSegment:
         joints = self.sensors.joints
         nodes: dict[int, JointNode] = {
             i: JointNode(
@@ -121,6 +122,16 @@ class Plant:
             if node.bus == name
         }
         nodes |= self._others.get(name, {})
+        axes = {
+            i: node.node_id
+            for i, node in enumerate(self.nodes)
+            if node.bus == name and node.format == "cyclic"
+        }
+        if axes:  # such drives need no SYNC: the truth begins with them
+            self.clock.start(t0_ns)
+            return CyclicSegment(
+                name, axes, self._measure, seed, index=index, rate_hz=self._rate_hz, t0_ns=t0_ns
+            )
         return CanSegment(
             name,
             nodes,
@@ -130,6 +141,20 @@ class Plant:
             heartbeat_s=joints.heartbeat_s,
             t0_ns=t0_ns,
         )
+
+    def _measure(self, joint: int, t_ns: float) -> tuple[float, float, float]:
+        """Return position, speed and torque of one joint at any instant, in its own sign and zero.
+
+        A sample uses up the errors of all joints at one latch; they are white.
+        """
+        t_s = self.clock.second(round(t_ns)) + self.sensors.joints.latch_offset_s
+        q, qd, tau = self._table.at(np.array([t_s]))
+        self.joint_errors.left()
+        position, torque = self.joint_errors.ahead(q, qd, tau)
+        self.joint_errors.use()
+        sign = self._signs[joint]
+        position_rad = sign * (position[0, joint] - self._zeros[joint])
+        return float(position_rad), float(sign * qd[0, joint]), float(sign * torque[0, joint])
 
     def _latch(self, t_ns: int) -> Sequence[Reading]:
         """Measure every joint; buses with the same SYNC instant share the latch."""
@@ -243,6 +268,10 @@ class Plant:
 
         return measure
 
+    def is_cyclic(self, bus: str) -> bool:
+        """Return whether the drives of a bus send by timers of their own."""
+        return isinstance(self.segments[bus], CyclicSegment)
+
     def sync_producer(self, t0_ns: int) -> SyncProducer | None:
         """Return a SYNC producer from `t0_ns`, or None if the host produces SYNC."""
         joints = self.sensors.joints
@@ -250,7 +279,7 @@ class Plant:
             return None
         return SyncProducer(joints.sync_rate_hz, joints.sync_counter_max, t0_ns)
 
-    def _bus(self, bus: str | None) -> CanSegment:
+    def _bus(self, bus: str | None) -> CanSegment | CyclicSegment:
         return self.segments[bus] if bus is not None else next(iter(self.segments.values()))
 
     def on_frame(

@@ -53,8 +53,9 @@ class VirtualCan:
     stamp of a frame of the host from its true time. Within `lost_ns` the port raises PortError, as
     if its device were unplugged.
 
-    A frame's stamp is the time of the read. If the plant produces SYNC, the stamp is the frame's
-    end on the bus, as from a kernel, because SYNC is then the joints' time of validity.
+    A frame's stamp is the time of the read. If the plant produces SYNC or its drives send
+    by timers of their own, the stamp is the frame's end on the bus, as from a kernel, because
+    stamps then give the joints' times.
     """
 
     hands_back = False
@@ -62,6 +63,7 @@ class VirtualCan:
     def __init__(self, plant: Plant, clock: SimClock, bus: str, line: int = 0) -> None:
         """Connect the port; `line` 1 is the redundant bus of a pair."""
         self._producer = plant.sync_producer(clock.now_ns())
+        self._is_stamped = self._producer is not None or plant.is_cyclic(bus)
         self.tap: FrameTap = _pass_frames
         self.outages_ns: list[tuple[int, int]] = []  # [from, to): frames are lost without an error
         self.bus, self.line = bus, line
@@ -96,7 +98,7 @@ class VirtualCan:
         rows = self._drained
         while self._queue and self._queue[0][0] <= now_ns:
             end_ns, word, data, is_fd = heapq.heappop(self._queue)[2]
-            stamp_ns = now_ns if producer is None else end_ns
+            stamp_ns = end_ns if self._is_stamped else now_ns
             rows.append(row_of(stamp_ns, word, data, FD_FDF | FD_BRS if is_fd else 0))
 
     def take(self) -> Callable[[], FrameArray]:

@@ -8,7 +8,7 @@ from typing import Any
 import yaml
 
 from hil.run.flight_effects import draws, mode_sections, thruster_sections, wheel_sections
-from hil.run.flight_sensors import imu_section, joint_sections, star_tracker_section
+from hil.run.flight_sensors import cyclic_bus, imu_section, joint_sections, star_tracker_section
 from hil.world.base_urdf import replace_base
 from hil.world.environment.config import OrbitSection
 from hil.world.environment.orbit import Orbit
@@ -82,10 +82,11 @@ def flight_document(
                 "name": name,
                 **settings,
                 "port": bus_ports.get(name),
-                "fd": any(joint["format"] == "fd" for joint in joints if joint["bus"] == name),
+                "fd": any(joint.get("format") == "fd" for joint in joints if joint["bus"] == name),
                 "sync": "producer" if sensors.joints.sync_rate_hz is None else "consumer",
                 "sync_counter_max": sensors.joints.sync_counter_max,
                 "latch_offset_s": sensors.joints.latch_offset_s,
+                **cyclic_bus(sensors, name),
             }
             for name, settings in scenario.buses.items()
         ],

@@ -15,7 +15,8 @@ from hil.world.sensor_config import ImuSensorConfig, JointSensorConfig, NodeConf
 from hil.world.sensors import rotation_of
 
 FIRST_NODE_ID = 0x11
-TORQUE_STEP_NM = {"classic": 1e-2, "fd": 1e-4}  # wire resolution of the joint nodes
+CYCLIC_STAMP_S = 5e-6  # 1 sigma of a stamp that a line under the arrivals gives
+TORQUE_STEP_NM = {"classic": 1e-2, "fd": 1e-4, "cyclic": 0.0}  # wire resolution of joint nodes
 POSITION_STEP_RAD = 2 * math.pi / 2**24
 OF_METRES = (("torque", "force"), ("_nms_rad", "_ns_m"), ("_rad", "_m"), ("_nm", "_n"))  # in keys
 
@@ -71,10 +72,48 @@ def joint_sections(
 
 
 def _driver(joints: JointSensorConfig, node: NodeConfig) -> dict[str, Any]:
-    """Return the keys of a joint on the CAN bus, or in a feed."""
+    """Return the keys of a joint that say how it is read: from the CAN bus, or in a feed."""
     if joints.feed is not None:
         return {"driver": "samples"}
-    return {"node_id": node.node_id, "format": node.format}
+    if node.format != "cyclic":
+        return {"node_id": node.node_id, "format": node.format}
+    axis = f"axis{node.node_id}"
+    return {
+        "driver": "described",
+        "signals": {
+            "position": {"message": f"{axis}_encoder", "signal": "position", "unit": "rev"},
+            "torque": {"message": f"{axis}_torques", "signal": "estimate", "unit": "N m"},
+        },
+        "timing": {"by": "arrival", "sigma_s": CYCLIC_STAMP_S, "delay_s": 3e-5},
+    }
+
+
+def cyclic_bus(sensors: SensorConfig, bus: str) -> dict[str, Any]:
+    """Return the keys of a bus of drives that send by timers of their own; empty: another bus."""
+    axes = [
+        node.node_id for node in sensors.joints.nodes if node.bus == bus and node.format == "cyclic"
+    ]
+
+    def pair(axis: int, command: int, name: str, fields: Sequence[str]) -> dict[str, Any]:
+        return {
+            "name": f"axis{axis}_{name}",
+            "id": axis << 5 | command,
+            "length": 8,
+            "signals": [
+                {"name": field, "start": 32 * k, "bits": 32, "number": "float"}
+                for k, field in enumerate(fields)
+            ],
+        }
+
+    messages = [
+        message
+        for axis in axes
+        for message in (
+            pair(axis, 0x09, "encoder", ("position", "speed")),
+            pair(axis, 0x1C, "torques", ("target", "estimate")),
+        )
+    ]
+    return {"sync": "none", "listen_only": True, "messages": messages} if messages else {}
 
 
 def torque_noise_nm(joints: JointSensorConfig, node: NodeConfig, rate_hz: float) -> float:

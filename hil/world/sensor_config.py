@@ -47,7 +47,7 @@ class NodeConfig:
     __pydantic_config__ = STRICT
     node_id: int
     bus: str = "arm"
-    format: Literal["classic", "fd"] = "classic"
+    format: Literal["classic", "fd", "cyclic"] = "classic"  # cyclic: hil.devices.cyclic
     sign: Literal[-1, 1] = 1
     zero_offset_rad: float = 0.0
     torque_sensor: bool = True

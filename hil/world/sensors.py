@@ -27,7 +27,7 @@ from hil.world.sensor_config import (
 )
 
 DEVICE_KEYS = {"bus": 0, "joint": 1, "imu": 2, "star_tracker": 3, "host": 4, "line": 5}
-DEVICE_KEYS |= {"wheel": 6, "thruster": 7, "mode": 8, "feed": 9}
+DEVICE_KEYS |= {"wheel": 6, "thruster": 7, "mode": 8, "feed": 9, "cyclic": 10}
 HYSTERESIS_WIDTH_RATIO = 0.05  # of full scale: half the torque from one branch to the other
 
 
