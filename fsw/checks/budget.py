@@ -14,7 +14,7 @@ from fsw.config import (
     ThrusterConfig,
     WheelConfig,
 )
-from fsw.config.devices import SAMPLES
+from fsw.config.feed import SAMPLES
 from fsw.drivers.codecs.entries import imu_codec, star_tracker_codec
 from fsw.drivers.ports.stamps import KERNEL_WAIT_NS
 

@@ -14,7 +14,8 @@ from fsw.checks.rehearsal import rehearse
 from fsw.checks.robot import inertia_warnings, load_problem
 from fsw.checks.windows import lag_faults, mode_warnings, window_faults
 from fsw.config import BusConfig, Config
-from fsw.config.devices import SAMPLES, minute_walk
+from fsw.config.feed import SAMPLES
+from fsw.config.joints import minute_walk
 from fsw.config.keys import read_key
 from fsw.config.telemetry import BUS_SLOTS, JOINT_SLOTS
 from fsw.drivers.codecs.entries import imu_codec

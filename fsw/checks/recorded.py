@@ -11,7 +11,7 @@ from fsw.checks.comparison import Comparison
 from fsw.checks.noise import noise_findings
 from fsw.checks.trial import joined, unwrapped
 from fsw.config import Config
-from fsw.config.devices import SAMPLES
+from fsw.config.feed import SAMPLES
 from fsw.drivers.codecs.entries import imu_codec
 from fsw.messages import ChannelWindow, FloatArray, Window
 

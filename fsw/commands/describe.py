@@ -6,7 +6,7 @@ import numpy as np
 
 from fsw.checks import budget
 from fsw.config import BaseConfig, BodyConfig, BusConfig, Config
-from fsw.config.devices import minute_walk
+from fsw.config.joints import minute_walk
 from fsw.estimators.model.inertia import PARAMETERS
 from fsw.estimators.model.modes import modal_inertia
 from fsw.estimators.model.problem import Problem

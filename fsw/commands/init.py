@@ -23,7 +23,7 @@ from fsw.commands.init_text import (
 )
 from fsw.commands.out_argument import refuse_existing
 from fsw.config import parse
-from fsw.config.devices import SAMPLES
+from fsw.config.feed import SAMPLES
 from fsw.errors import ConfigError
 from fsw.estimators.model.inertia import PARAMETERS, from_parameters, is_consistent
 from fsw.estimators.model.robot import RobotModel

@@ -8,7 +8,7 @@ from math import isfinite
 from typing import Protocol, TypeVar
 
 from fsw.config.base import MAX_MASS_KG
-from fsw.config.devices import MAX_ANGLE_RAD
+from fsw.config.sensors import MAX_ANGLE_RAD
 from fsw.errors import ConfigError
 
 T = TypeVar("T")

@@ -15,7 +15,8 @@ from fsw.commands.init_devices import device, library, trust
 from fsw.commands.init_noise import Limits
 from fsw.commands.init_recording import Recorded
 from fsw.config.base import SMALLEST
-from fsw.config.devices import SAMPLES, linear
+from fsw.config.feed import SAMPLES
+from fsw.config.joints import linear
 from fsw.config.processing import EstimatorConfig
 from fsw.errors import ConfigError
 from fsw.estimators.model.robot import RobotModel

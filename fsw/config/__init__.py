@@ -13,18 +13,13 @@ from fsw.config.base import (
     Section,
     Vector3,
 )
-from fsw.config.devices import (
-    BusConfig,
-    ImuConfig,
-    JointConfig,
-    Mounting,
-    RedundantBusConfig,
-    StarTrackerConfig,
-)
+from fsw.config.buses import BusConfig, RedundantBusConfig
 from fsw.config.health import HealthConfig
+from fsw.config.joints import JointConfig
 from fsw.config.modes import ModeConfig
 from fsw.config.processing import EstimatorConfig, OrbitConfig, SchedulerConfig
 from fsw.config.robot import BaseConfig, BodyConfig, BodySigma, RobotConfig
+from fsw.config.sensors import ImuConfig, Mounting, StarTrackerConfig
 from fsw.config.services import RecorderConfig, ServiceConfig
 from fsw.config.telemetry import TelemetryConfig
 from fsw.config.thrusters import ThrusterConfig

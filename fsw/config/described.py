@@ -2,7 +2,8 @@
 
 from collections.abc import Sequence
 
-from fsw.config.devices import BusConfig, JointConfig
+from fsw.config.buses import BusConfig
+from fsw.config.joints import JointConfig
 from fsw.config.thrusters import ThrusterConfig
 from fsw.config.wheels import WheelConfig
 

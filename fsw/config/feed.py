@@ -11,6 +11,8 @@ from fsw.config.base import Positive, Section
 Clock = Literal["monotonic", "unix", "tai", "device"]
 SHARED_CLOCKS = ("unix", "tai")  # go on when the sender restarts, so that no datagram is replayed
 
+SAMPLES = "samples"  # values that another program decoded: of a feed, or in recordings only
+
 
 class FeedConfig(Section):
     """The sender of a live feed, the clock of its times, and the key that authenticates it."""

@@ -2,7 +2,10 @@
 
 from collections.abc import Mapping, Sequence
 
-from fsw.config.devices import SAMPLES, BusConfig, ImuConfig, JointConfig, StarTrackerConfig
+from fsw.config.buses import BusConfig
+from fsw.config.feed import SAMPLES
+from fsw.config.joints import JointConfig
+from fsw.config.sensors import ImuConfig, StarTrackerConfig
 from fsw.config.thrusters import ThrusterConfig
 from fsw.config.wheels import WheelConfig
 

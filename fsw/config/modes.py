@@ -6,7 +6,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from fsw.config.base import InertiaVector, Mass, Position, ScaleSigma, Section, Vector3
-from fsw.config.devices import JointConfig
+from fsw.config.joints import JointConfig
 from fsw.config.processing import EstimatorConfig
 
 METHODS_MODES = ("fused", "rda", "cm")

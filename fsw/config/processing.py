@@ -19,7 +19,7 @@ from fsw.config.base import (
     Vector3,
 )
 from fsw.config.constants import EARTH_GRAVITY_PARAMETER_M3_S2
-from fsw.config.devices import SAMPLES
+from fsw.config.feed import SAMPLES
 from fsw.messages.false_alarms import per_test
 
 WindowLength = Annotated[float, Field(gt=0, le=1e3, allow_inf_nan=False)]  # s

@@ -8,10 +8,11 @@ from typing import Annotated, Any, Self
 from pydantic import ConfigDict, Field, PrivateAttr, ValidationError, model_validator
 
 from fsw.config.base import BodyName, Section, allow_null, null_is_left_out
+from fsw.config.buses import BusConfig
 from fsw.config.described import descriptions_go_with
-from fsw.config.devices import BusConfig, ImuConfig, JointConfig, StarTrackerConfig, no_imu
 from fsw.config.feed_devices import feeds_go_with
 from fsw.config.health import HealthConfig
+from fsw.config.joints import JointConfig
 from fsw.config.modes import ModeConfig, modes_go_with
 from fsw.config.processing import (
     EstimatorConfig,
@@ -20,6 +21,7 @@ from fsw.config.processing import (
     for_short_recordings,
 )
 from fsw.config.robot import METHODS_HELD, BaseConfig, BodyConfig, RobotConfig
+from fsw.config.sensors import ImuConfig, StarTrackerConfig, no_imu
 from fsw.config.services import (
     ExcitationConfig,
     RecorderConfig,

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.config import Config
-from fsw.config.devices import TORQUE_STEP_NM
+from fsw.config.joints import TORQUE_STEP_NM
 from fsw.messages import FloatArray, ImuSamples, IntArray, JointSamples, Samples
 from fsw.messages.false_alarms import per_test
 from fsw.messages.findings import Fault, Finding

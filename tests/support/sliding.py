@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from fsw.config import Config
-from fsw.config.devices import linear
+from fsw.config.joints import linear
 from tests.support.estimator_cases import URDF, make_config
 
 JOINT = 3

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from math import sqrt
 
 from fsw.config import BusConfig, Config, JointConfig
-from fsw.config.devices import TORQUE_STEP_NM
+from fsw.config.joints import TORQUE_STEP_NM
 from fsw.config.signals import (
     LINEAR,
     SCALED,

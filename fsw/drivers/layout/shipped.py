@@ -5,7 +5,7 @@ The DBC files beside the drivers describe the same frames for other tools.
 
 from math import tau
 
-from fsw.config.devices import TORQUE_STEP_NM
+from fsw.config.joints import TORQUE_STEP_NM
 from fsw.drivers.layout.decoder import Decoder
 from fsw.drivers.layout.signals import Message, Number, Signal
 

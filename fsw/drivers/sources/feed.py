@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.config import BusConfig, Config, HealthConfig
-from fsw.config.devices import SAMPLES
+from fsw.config.feed import SAMPLES
 from fsw.config.keys import read_key
 from fsw.drivers.codecs.feed import Datagram, Kind, decode_datagram
 from fsw.drivers.sources.counters import Counters
