@@ -99,7 +99,7 @@ class ImuConfig(Section):
     """The inertial unit. For white noise of random walk N, 1 sigma of a sample is N sqrt(rate)."""
 
     driver: Driver = "stim300"  # none: there is no unit; samples: see SAMPLES
-    options: dict[str, Any] = Field(default_factory=dict)  # of the codec, see `fsw devices`
+    options: dict[str, Any] = Field(default={})  # of the codec, see `fsw devices`
     port: str | None = None  # a replay does not need it
     bus: str | None = None  # of driver samples: the feed
     baud_rate: int = Field(default=921600, gt=0)
@@ -167,7 +167,7 @@ class StarTrackerConfig(Section):
     """The star tracker. `rotation` states the sense of its quaternion; confirm it by a test."""
 
     driver: Driver = "sagitta"
-    options: dict[str, Any] = Field(default_factory=dict)  # of the codec, see `fsw devices`
+    options: dict[str, Any] = Field(default={})  # of the codec, see `fsw devices`
     port: str | None = None
     bus: str | None = None  # of driver samples: the feed
     baud_rate: int = Field(default=115200, gt=0)
