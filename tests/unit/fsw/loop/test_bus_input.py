@@ -211,3 +211,19 @@ def test_sync_counts_to_its_maximum_and_starts_again(line: Line):
     for _ in range(500):
         line.sync(back_after_ns=None)
     assert [data[0] for *_, data in line.can.written] == [k % 240 + 1 for k in range(500)]
+
+
+@pytest.mark.parametrize("listen_only", [True, False])
+def test_a_daemon_that_only_listens_sends_no_frame_whatever_it_is_asked(line: Line, listen_only):
+    """Not even the start that a node's heartbeat asks for; the same frames are read."""
+    nodes = {0x11: (0x000, b"\x01\x11")}
+    links = [line.bus.link]
+    beat = (0x70A, b"\x05")
+    line.bus = BusInput("arm", nodes, links, 240, line.clock, beat, listen_only=listen_only)
+    line.bus.send_sync()
+    line.bus.send_heartbeat()
+    line.can.queue.append(CanFrame(line.clock.now, 0x711, b"\x7f"))  # waits for its start
+    line.answer(line.clock.now + 100 * US)
+    assert (line.clock.now, 0x191) in [(t - 100 * US, can_id) for t, can_id in line.drained()]
+    sent = [can_id for _, can_id, _ in line.can.written]
+    assert sent == ([] if listen_only else [0x080, 0x70A, 0x000])
