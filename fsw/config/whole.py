@@ -1,7 +1,6 @@
 """The whole configuration of one daemon: sections, conditions between sections, reading."""
 
 import zlib
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Self
 
@@ -9,6 +8,14 @@ from pydantic import ConfigDict, Field, PrivateAttr, ValidationError, model_vali
 
 from fsw.config.base import BodyName, Section, allow_null, null_is_left_out
 from fsw.config.buses import BusConfig
+from fsw.config.consistency import (
+    base_goes_with,
+    bodies_have_their_keys,
+    method_has_its_torques,
+    redundancy_works,
+    require_one_device_each,
+    require_unique,
+)
 from fsw.config.described import descriptions_go_with
 from fsw.config.feed_devices import feeds_go_with
 from fsw.config.health import HealthConfig
@@ -20,7 +27,7 @@ from fsw.config.processing import (
     SchedulerConfig,
     for_short_recordings,
 )
-from fsw.config.robot import METHODS_HELD, BaseConfig, BodyConfig, RobotConfig
+from fsw.config.robot import BaseConfig, BodyConfig, RobotConfig
 from fsw.config.sensors import ImuConfig, StarTrackerConfig, no_imu
 from fsw.config.services import (
     ExcitationConfig,
@@ -34,11 +41,6 @@ from fsw.config.thrusters import ThrusterConfig, thrusters_go_with
 from fsw.config.wheels import WheelConfig, wheels_go_with
 from fsw.config.wrench_sensors import WrenchSensorConfig, wrench_sensors_go_with
 from fsw.errors import ConfigError
-
-NAMED_BY_PLACE = ("base", "target")
-FRAMES = "base is the root link, target in robot.tool_frame, any other body in a frame of its own"
-HEARTBEATS_MISSED = 1.5  # nodes that toggle after fewer heartbeats would leave a healthy bus
-SYNCS_UNANSWERED = 5  # fewer unanswered SYNCs may be chance
 
 
 class Config(Section):
@@ -186,9 +188,9 @@ class Config(Section):
             second = bus.second()
             if second is not None:
                 ports[f"buses.{i}.redundant.channel"] = _device(second)
-                _redundancy_works(i, bus)
-        _one_device_each({key: port for key, port in ports.items() if port is not None})
-        _unique(list(self.unknown), "unknown")
+                redundancy_works(i, bus)
+        require_one_device_each({key: port for key, port in ports.items() if port is not None})
+        require_unique(list(self.unknown), "unknown")
         reserve_holds_chunks(self.recorder, self.service)
         if self.orbit is not None and self.star_tracker is None:
             raise ValueError(
@@ -221,13 +223,13 @@ class Config(Section):
                     f"star_tracker; found method {self.estimator.method}, base.motion: "
                     f"{self.base.motion}, {'a' if self.star_tracker else 'no'} star_tracker"
                 )
-        _method_has_its_torques(self.estimator.method, self.joints)
+        method_has_its_torques(self.estimator.method, self.joints)
         _speeds_are_enough(self)
         if not self.imu.present and self.base.motion != "clamped":
             raise ValueError("imu: missing; only a clamped base does without an inertial unit")
-        _base_goes_with(self.base, self.unknown, self.estimator, orbit=self.orbit is not None)
+        base_goes_with(self.base, self.unknown, self.estimator, orbit=self.orbit is not None)
         modes_go_with(self.modes, self.joints, self.estimator, self.base.motion)
-        _bodies_have_their_keys(self.bodies, self.unknown)
+        bodies_have_their_keys(self.bodies, self.unknown)
         for i, bus in enumerate(self.buses):
             ratio = self.scheduler.tick_rate_hz / bus.rate_hz
             if bus.feed is None and (abs(ratio - round(ratio)) > 1e-9 or ratio < 1):
@@ -241,19 +243,19 @@ class Config(Section):
 def _parts_are_unique(config: Config) -> None:
     """Raise ValueError if parts share a name or a node, or thrusters a valve of their node."""
     for section in ("buses", "joints", "wheels", "thrusters", "modes"):
-        _unique([part.name for part in getattr(config, section)], f"{section}.name")
+        require_unique([part.name for part in getattr(config, section)], f"{section}.name")
     names = [*(j.name for j in config.joints), *(own.name for own in config.wrench_sensors)]
-    _unique(names, "wrench_sensors.name")
+    require_unique(names, "wrench_sensors.name")
     of_joints = [joint for joint in config.joints if joint.driver == "canopen"]
     others = [node for node in config.can_nodes if not isinstance(node, JointConfig)]
     numbered = [*of_joints, *others]
     nodes = [f"{node.bus}:0x{node.node_id:02x}" for node in numbered]
     joints, wheels = len(of_joints), sum(wheel.bus is not None for wheel in config.wheels)
-    _unique(nodes[:joints], "joints.node_id")
-    _unique(nodes[: joints + wheels], "wheels.node_id")
-    _unique(nodes, "thrusters.node_id")
+    require_unique(nodes[:joints], "joints.node_id")
+    require_unique(nodes[: joints + wheels], "wheels.node_id")
+    require_unique(nodes, "thrusters.node_id")
     valves = [f"{t.bus}:0x{t.node_id:02x} valve {t.valve}" for t in config.thrusters]
-    _unique(valves, "thrusters.valve")
+    require_unique(valves, "thrusters.valve")
 
 
 def _something_turns(config: Config) -> None:
@@ -286,52 +288,6 @@ def _device(bus: BusConfig) -> str | None:
     return f"{bus.interface}:{link}"
 
 
-def _bodies_have_their_keys(bodies: Mapping[str, BodyConfig], unknown: Sequence[str]) -> None:
-    """Raise ValueError for a body with a missing or needless frame, or an unknown without prior."""
-    for name, body in bodies.items():
-        if (body.frame is None) != (name in NAMED_BY_PLACE):
-            must = "must be left out" if name in NAMED_BY_PLACE else "missing"
-            raise ValueError(f"bodies.{name}.frame: {must}; {FRAMES}")
-    for name in unknown:
-        if name not in bodies:
-            raise ValueError(f"bodies.{name}: missing; unknown lists {name!r}, which needs a prior")
-        if bodies[name].sigma is None:
-            raise ValueError(f"bodies.{name}.sigma: missing; unknown lists {name!r}")
-
-
-def _base_goes_with(
-    base: BaseConfig, unknown: Sequence[str], estimator: EstimatorConfig, *, orbit: bool
-) -> None:
-    """Raise ValueError for settings that do not suit a planar or clamped base."""
-    if base.motion == "free":
-        return
-    if base.motion == "clamped" and "base" in unknown:
-        raise ValueError("unknown: 'base' cannot be found while base.motion is clamped")
-    methods = METHODS_HELD[base.motion]
-    if estimator.method not in methods:
-        raise ValueError(
-            f"estimator.method: {estimator.method!r} needs a free base, base.motion is "
-            f"{base.motion}; must be {' or '.join(methods)}"
-        )
-    if orbit:
-        raise ValueError(f"orbit: base.motion is {base.motion}; leave it out")
-    if base.motion == "clamped" and estimator.momentum_sigma_nms:
-        raise ValueError(
-            f"estimator.momentum_sigma_nms: {estimator.momentum_sigma_nms:g}; a clamped base has "
-            "no momentum; must be 0"
-        )
-
-
-def _method_has_its_torques(method: str, joints: Sequence[JointConfig]) -> None:
-    """Raise ValueError if the method needs all torques and a joint has no torque sensor."""
-    blind = [joint.name for joint in joints if joint.torque == "none"]
-    if blind and method == "mrnea":
-        raise ValueError(
-            f"estimator.method: 'mrnea' needs the torque of every joint; {blind[0]!r} has "
-            "torque: none; must be fused, rda or cm"
-        )
-
-
 def _speeds_are_enough(config: Config) -> None:
     """Raise ValueError for settings that need measured angles if an encoder measures speed only."""
     name = next((joint.name for joint in config.joints if joint.speed_only), None)
@@ -358,43 +314,6 @@ def _speeds_are_enough(config: Config) -> None:
         if given:
             raise ValueError(
                 f"{key}: is not known beside {name!r} with encoder: speed; leave it out"
-            )
-
-
-def _redundancy_works(i: int, bus: BusConfig) -> None:
-    """Raise ValueError for a redundant pair on which master and nodes may use different buses."""
-    pair = bus.redundant
-    if pair is None:
-        return
-    if bus.sync != "producer":
-        raise ValueError(f"buses.{i}.redundant: needs sync: producer; the master selects the bus")
-    if bus.heartbeat_s is None:
-        raise ValueError(f"buses.{i}.redundant: needs heartbeat_s; the nodes follow the heartbeat")
-    if bus.heartbeat_s * HEARTBEATS_MISSED > pair.nodes_toggle_s:
-        raise ValueError(
-            f"buses.{i}.redundant.nodes_toggle_s: {pair.nodes_toggle_s} must be at least "
-            f"{HEARTBEATS_MISSED:g} heartbeat_s, {bus.heartbeat_s * HEARTBEATS_MISSED:g}"
-        )
-    if pair.lost_after_s * bus.rate_hz < SYNCS_UNANSWERED:
-        raise ValueError(
-            f"buses.{i}.redundant.lost_after_s: {pair.lost_after_s} must be at least "
-            f"{SYNCS_UNANSWERED} SYNC periods, {SYNCS_UNANSWERED / bus.rate_hz:g}"
-        )
-
-
-def _unique(values: list[str], key: str) -> None:
-    for value in values:
-        if values.count(value) > 1:
-            times = values.count(value)
-            raise ValueError(f"{key}: {value!r} is used {times} times; must be unique")
-
-
-def _one_device_each(ports: dict[str, str]) -> None:
-    for port in ports.values():
-        keys = [other for other, used in ports.items() if used == port]
-        if len(keys) > 1:
-            raise ValueError(
-                f"{' and '.join(keys)}: all name {port!r}; a port serves one device only"
             )
 
 

@@ -65,7 +65,7 @@ SPOILED = [
     ("buses.0.rate_hz", 1000.0, ("buses.0.rate_hz", "1000", "divide scheduler.tick_rate_hz 500")),
     ("buses.0.name", "a/b", ("buses.0.name", "a/b", "pattern")),
     ("buses.0.sync_counter_max", 241, ("buses.0.sync_counter_max", "241", "240")),
-    ("buses.0.sync", "none", ("buses.0.sync", "none", "'producer' or 'consumer'")),
+    ("buses.0.sync", "both", ("buses.0.sync", "both", "'producer', 'consumer' or 'none'")),
     ("imu.rate_hz", "fast", ("imu.rate_hz", "fast", "number")),
     ("imu.acc_range_g", 20, ("imu.acc_range_g", "20", "5, 10, 30 or 80")),
     ("imu.mounting.q_BS_xyzw", [0, 0, 0, 2], ("q_BS_xyzw", "[0.0, 0.0, 0.0, 2.0]", "norm 2")),
