@@ -13,9 +13,9 @@ from fsw.commands.init_arguments import add_arguments
 from fsw.commands.init_devices import device
 from fsw.commands.init_recording import Recorded
 from fsw.config import Config, parse
+from fsw.config.consistency import NAMED_BY_PLACE
 from fsw.config.feed import SAMPLES
 from fsw.config.overlay_file import merged
-from fsw.config.whole import NAMED_BY_PLACE
 from fsw.errors import ConfigError
 from fsw.estimators.model.robot import RobotModel
 
