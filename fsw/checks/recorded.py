@@ -220,8 +220,8 @@ def sample_findings(config: Config, windows: Sequence[Window]) -> list[str]:
         if joint.torque != "none" and missing > MISSING:
             lines.append(
                 f"joints.{k} ({joint.name}): its torque is missing in {100 * missing:.0f} % of the "
-                f"samples; were values beyond torque_limit_nm {joint.torque_limit_nm:g} rejected? "
-                "Look at their unit (N m, mN m)"
+                f"samples; were values beyond torque_limit_nm {joint.torque_limit_nm:g} rejected "
+                "(look at their unit: N m, mN m), or frames shorter than described?"
             )
     return lines
 

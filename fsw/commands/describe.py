@@ -5,8 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from fsw.checks import budget
-from fsw.config import BaseConfig, BodyConfig, BusConfig, Config
+from fsw.config import BaseConfig, BodyConfig, BusConfig, Config, JointConfig
 from fsw.config.joints import minute_walk
+from fsw.drivers.layout.joints import ROLES_BY_NAME, JointLayout, layouts_of
 from fsw.estimators.model.inertia import PARAMETERS
 from fsw.estimators.model.modes import modal_inertia
 from fsw.estimators.model.problem import Problem
@@ -160,13 +161,30 @@ def _buses(config: Config) -> list[str]:
         ]
         load = budget.bus_load(bus, config.joints, (*config.wheels, *config.thrusters))
         assumed = "" if bus.bitrate else f" at an assumed {budget.ASSUMED_BITRATE} bit/s"
+        layouts = layouts_of(config, bus)
+        share = "not predicted" if layouts else f"{load:.0%}{assumed}"
+        counter = f", counter 1..{bus.sync_counter_max}" * (bus.sync != "none")
         lines.append(
             f"{bus.name}: {bus.interface} {bus.channel}{', CAN FD' if bus.fd else ''}; SYNC "
-            f"{bus.sync} {bus.rate_hz:g} Hz, counter 1..{bus.sync_counter_max}; worst-case load "
-            f"{load:.0%}{assumed}; topic /can/{bus.name}"
+            f"{bus.sync}, {bus.rate_hz:g} Hz{counter}; worst-case load {share}; topic "
+            f"/can/{bus.name}"
         )
-        lines.append(f"  nodes {', '.join(nodes) or 'none'}")
+        described = [_signals(config.joints[i], own) for i, own in layouts.items()]
+        lines += described or [f"  nodes {', '.join(nodes) or 'none'}"]
     return lines
+
+
+def _signals(joint: JointConfig, layout: JointLayout) -> str:
+    """Return a line on what a described joint reads, with the SI value of a step of the number."""
+    read = "; ".join(
+        f"{name} {use.message.name}.{use.signal.name} (0x{use.message.identifier:x}) "
+        f"{use.signal.bits} bits, step {abs(use.signal.scale * use.factor):.4g}"
+        for name in joint.signals or {}
+        if (use := layout.use(ROLES_BY_NAME[name])) is not None
+    )
+    timing = joint.timing
+    by = "" if timing is None else f"; time by {timing.by}, sigma {timing.sigma_s or 0.0:g} s"
+    return f"  {joint.name}: {read}{by}"
 
 
 def _feed(config: Config, bus: BusConfig) -> list[str]:

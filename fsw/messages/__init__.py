@@ -227,6 +227,12 @@ class Block:
         return tuple(item.name for item in fields(self) if item.name not in without)
 
     @property
+    def is_empty(self) -> bool:
+        """Whether nothing but the joints' motion was measured."""
+        imu = self.has_gyro or self.has_accelerometer or self.has_attitude
+        return not imu and not self.has_joint.any()
+
+    @property
     def is_complete(self) -> bool:
         """Whether every torque, the rate and the specific force were measured."""
         return self.has_gyro and self.has_accelerometer and bool(self.has_joint.all())

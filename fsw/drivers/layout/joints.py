@@ -21,7 +21,7 @@ from fsw.errors import ConfigError, brief
 
 ROLES = 5
 POSITION, TORQUE, TIME, COUNTER, STATUS = range(ROLES)  # a speed is in place of a position
-_ROLES: dict[Role, int] = {
+ROLES_BY_NAME: dict[Role, int] = {
     "position": POSITION,
     "speed": POSITION,
     "torque": TORQUE,
@@ -155,7 +155,7 @@ def _signal_of(own: LayoutSignalConfig) -> Signal:
 
 def _layout_of(joint: JointConfig, messages: Mapping[str, Message]) -> JointLayout:
     uses, lines = [], []
-    for name, role in _ROLES.items():
+    for name, role in ROLES_BY_NAME.items():
         own = (joint.signals or {}).get(name)
         if own is None:
             continue
@@ -209,9 +209,14 @@ def _clock(signal: Signal) -> Signal:
 
 
 def _factor(joint: JointConfig, name: str, own: SignalConfig, signal: Signal) -> float:
-    """Return the SI value of a signal's unit."""
-    unit = plain_unit(own.unit if own.unit is not None else signal.unit)
+    """Return the SI value of a signal's unit, which must not contradict the description."""
+    unit, described = plain_unit(own.unit or signal.unit), plain_unit(signal.unit)
     table = (UNITS if joint.kind == "revolute" else LINEAR)[name]
+    if described in table and table.get(unit) != table[described]:
+        raise ConfigError(
+            f"unit: {own.unit!r}, but the description says {signal.unit!r} of the value after its "
+            "scale; leave unit out, or mend the description"
+        )
     scaled = {"position": ("counts",), "torque": ("permille", "a", "ma")}.get(name, ())
     if unit in SCALED and unit in scaled:
         if not own.figure:

@@ -123,9 +123,7 @@ def _run(
     reference: Sequence[Block],
     predict: Predict | None,
 ) -> dict[str, Any]:
-    sound = sound_blocks(blocks)
-    if not sound:
-        raise EstimatorError("no usable block recorded in this window")
+    sound = _measured(blocks)
     held = METHODS_HELD.get(config.base.motion, (method,))
     if method not in held:
         raise EstimatorError(
@@ -223,6 +221,16 @@ def _run(
             against,
         ),
     }
+
+
+def _measured(blocks: Sequence[Block]) -> list[Block]:
+    """Return the plausible blocks. Raises EstimatorError if nothing was measured in any."""
+    sound = sound_blocks(blocks)
+    if not sound:
+        raise EstimatorError("no usable block recorded in this window")
+    if all(block.is_empty for block in sound):
+        raise EstimatorError("no window has a torque, rate or specific force that could be used")
+    return sound
 
 
 def sound_blocks(blocks: Sequence[Block]) -> list[Block]:

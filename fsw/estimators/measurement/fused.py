@@ -249,7 +249,7 @@ def stacked_fused_rows(
     L = np.asarray(np.linalg.cholesky(S), np.float64)
     at, size = prediction, S.shape[1]
     residuals = r.reshape(len(s.blocks), size)
-    if prediction.D_q is not None:
+    if prediction.D_q is not None and size:  # LAPACK refuses a block without any channel
         weighted = [dpotrs(root, own, lower=1)[0] for root, own in zip(L, residuals, strict=True)]
         moved = smoothed(s, prediction, use, np.array(weighted).reshape(r.shape))
         at = predict(moved, x, problem, rate, before)

@@ -13,6 +13,7 @@ from fsw.config import Config, JointConfig
 from fsw.drivers.layout.joints import layouts_of
 from fsw.drivers.sources.described import DescribedBusSource
 from fsw.drivers.wire import CanFrame, frame_array
+from fsw.errors import ConfigError
 from fsw.messages import JointSamples, joined
 from tests.support.bus_traffic import cut
 from tests.support.driver_configs import bus_config, joint_config
@@ -268,6 +269,25 @@ def test_units_of_a_signal(
     assert getattr(found, "position_rad" if role == "position" else "torque_nm") == [
         pytest.approx(value, rel=1e-12)
     ]
+
+
+@pytest.mark.parametrize(
+    ("unit", "is_right"), [("rev", True), ("0.001 deg", False), ("deg", False)]
+)
+def test_a_unit_that_contradicts_the_description_is_refused(
+    tmp_path: Path, unit: str, is_right: bool
+) -> None:
+    """A manual says 0.001 deg of the raw number; the scale of the file has it already."""
+    joint = odrive(0)
+    joint["signals"]["position"]["unit"] = unit
+    bus = {"description": "robot.dbc"}
+    if is_right:
+        assert made(tmp_path, bus, [joint])
+        return
+    with pytest.raises(
+        ConfigError, match=rf"position.unit: '{unit}', but the description says 'rev'"
+    ):
+        made(tmp_path, bus, [joint])
 
 
 def test_a_short_frame_and_a_silent_joint_are_reported(tmp_path: Path) -> None:

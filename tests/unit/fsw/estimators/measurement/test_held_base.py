@@ -1,5 +1,6 @@
 """A base that is held: predictions against Pinocchio under gravity, Jacobians, refusals."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -138,3 +139,23 @@ def test_the_start_of_a_batch_uses_no_row_of_the_base() -> None:
     problem = problem_of(held("clamped"))
     rows = row_function("mrnea", "eiv", problem)(random_block(), problem.prior_mean)
     assert rows.A.shape[0] == len(random_block().t_ns) * N
+
+
+@pytest.mark.parametrize("motion", ["clamped", "planar"])
+def test_blocks_without_any_measurement_are_one_line_and_no_fault_of_the_library(
+    motion: str,
+) -> None:
+    """All torque frames were too short, and there is no inertial unit."""
+    block = random_block()
+    lost = replace(
+        block,
+        has_joint=np.zeros_like(block.has_joint),
+        has_gyro=False,
+        has_accelerometer=False,
+        has_attitude=False,
+    )
+    problem = problem_of(held(motion))
+    rows = row_function("fused", "eiv", problem)(lost, problem.prior_mean)
+    assert rows.A.shape == (0, len(problem.names))
+    with pytest.raises(EstimatorError, match="no window has a torque, rate or specific force"):
+        run_batch(held(motion), [lost], "fused", ())
