@@ -32,6 +32,7 @@ from fsw.estimators.square_root import SquareRootInformation
 from fsw.messages import Block, FloatArray
 
 MAX_ITERATIONS = 60
+USUAL_PASSES = 10  # within which most batches converge, for the share that is reported
 PROFILE_ITERATIONS = 4  # of every point of a profile
 NEGLIGIBLE = 1e-6  # whitened rms step after which the rows are not evaluated again
 DAMPING = 1e-3  # initial
@@ -150,7 +151,7 @@ def _damped(
             f"solving, pass {iterations} of at most {max_iterations}: the estimate still moves by "
         )
         words += f"{moved:.2g} of its uncertainty"
-        if progress is not None and not progress(iterations / max_iterations, words):
+        if progress is not None and not progress(min(1.0, iterations / USUAL_PASSES), words):
             status = "ABORTED"
             break
         # a step that is cut short and gains nothing: the least cost is infinitely far away

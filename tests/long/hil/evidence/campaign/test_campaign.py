@@ -83,7 +83,7 @@ def test_a_file_is_the_product_of_what_it_names(path: Path):
     [
         ("noises: [loud]", "loud"),
         ("scenarios: [nowhere]", "nowhere"),
-        ("rate_hz: -1.0", r"rate_hz.*greater than 0.*given: -1\.0"),
+        ("rate_hz: -1.0", r"rate_hz: must be above 0 \(value: -1\.0\)"),
         ("rate_hz: .inf", "rate_hz"),
         ("duration_s: .inf", "duration_s"),
         ("noises: []", "noises"),
