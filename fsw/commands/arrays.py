@@ -80,7 +80,7 @@ class Samples:
                 raise ConfigError(f"samples: {name}: {words}")
 
     def array(self, name: str) -> FloatArray | None:
-        """Return the array `name`; None: there is none."""
+        """Return the array `name`; None if it was not given."""
         found: FloatArray | None = getattr(self, name)
         return found
 

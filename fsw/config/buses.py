@@ -79,7 +79,7 @@ class BusConfig(Section):
         return self
 
     def second(self) -> BusConfig | None:
-        """Return the configuration of the redundant bus; None: there is none."""
+        """Return the configuration of the redundant bus; None without one."""
         if self.redundant is None:
             return None
         changes = {"channel": self.redundant.channel, "port": self.redundant.port}

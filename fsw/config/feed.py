@@ -9,7 +9,10 @@ from pydantic import Field
 from fsw.config.base import Positive, Section
 
 Clock = Literal["monotonic", "unix", "tai", "device"]
-SHARED_CLOCKS = ("unix", "tai")  # go on when the sender restarts, so that no datagram is replayed
+SHARED_CLOCKS = (
+    "unix",
+    "tai",
+)  # continue when the sender restarts, so that no datagram is replayed
 
 SAMPLES = "samples"  # values that another program decoded: of a feed, or in recordings only
 

@@ -39,7 +39,7 @@ def origin(entry: EntryPoint) -> str:
 
 
 def codec_class(kind: str, driver: str) -> type:
-    """Return the class of a codec. Raises ConfigError if there is none, or more than one."""
+    """Return the class of a codec. Raises ConfigError unless there is exactly one."""
     key = f"{kind}.driver"
     if ":" in driver:
         found = [EntryPoint(driver, driver, GROUPS[kind])]

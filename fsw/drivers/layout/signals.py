@@ -2,7 +2,7 @@
 
 Places of bits are counted as in a DBC file: bit 0 is the least significant one of byte 0. `start`
 is the least significant bit of a little-endian signal and the most significant one of a big-endian
-signal, which runs down its byte and goes on at bit 7 of the next.
+signal, which runs down its byte and continues at bit 7 of the next.
 """
 
 from collections.abc import Iterator, Sequence
@@ -65,7 +65,7 @@ class Message:
         return [by_name[name] for name in names]
 
     def signal(self, name: str) -> Signal | None:
-        """Return a signal by its name; None: there is none."""
+        """Return a signal by its name; None if the message has no such signal."""
         return next((signal for signal in self.signals if signal.name == name), None)
 
 
