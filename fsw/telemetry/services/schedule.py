@@ -1,16 +1,20 @@
 """Service 11: telecommands that are released at a given time, even after a restart.
 
-A change of the schedule is stored on the disk before it has an effect. A telecommand is removed
-from the disk before its release, so that no crash releases it twice; if the disk cannot be written,
-it is still released. Times are stored with their epoch, to convert them after a restart.
+A change of the schedule is stored on the disk before it has an effect. A release is stored before
+it happens, in place, so that neither a crash nor a full disk releases a telecommand twice; if the
+disk cannot be written at all, it is still released. Times are stored with their epoch, to convert
+them after a restart.
 """
 
 import struct
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
+from file_delivery.slots import SlotFile
+from fsw.errors import WRONG_CONTENT
 from fsw.telemetry.dictionary.codes import Error
 from fsw.telemetry.link.packets import FRACTIONS_PER_S, from_cuc
 from fsw.telemetry.link.telecommands import Request, TcError
@@ -28,6 +32,7 @@ from fsw.telemetry.state.epoch import Epoch, carried_over
 from fsw.telemetry.state.store import GenerationStore
 
 FOLDER = "schedule"
+RELEASED = "schedule_released"  # file with the time of the newest release
 CAPACITY = 64
 OWN_SERVICE = 11
 APID_MASK, COUNT_MASK = 0x7FF, 0x3FFF
@@ -50,6 +55,7 @@ class Schedule:
     def __init__(self, context: TelemetryContext) -> None:
         self._context = context
         self._store = GenerationStore(context.state / FOLDER)
+        self._released_through = SlotFile(context.state / RELEASED)
         self._waiting: list[Activity] = []
         self.enabled = True
         self.released = 0
@@ -68,8 +74,9 @@ class Schedule:
             return
         self._waiting = self._waiting[len(due) :]
         try:
+            self._keep_release(due[-1].release_ns)
             self._keep(self._waiting, enabled=self.enabled)
-        except TcError as error:
+        except (OSError, TcError) as error:
             self._context.report("TC_FAILED", f"schedule: {error}")
         for activity in due:
             if not self.enabled:
@@ -187,6 +194,21 @@ class Schedule:
         self._keep(ordered, enabled=self.enabled)
         self._waiting = ordered
 
+    def _keep_release(self, release_ns: int) -> None:
+        """Store the time up to which activities were released. Raises OSError."""
+        clock = self._context.epoch().clock_id
+        self._released_through.write({"clock_id": clock, "release_ns": release_ns})
+
+    def _released_ns(self, clock_id: str) -> int:
+        """Return the time up to which activities were released in this start of the machine."""
+        try:
+            stored = self._released_through.read()
+            return int(stored["release_ns"]) if stored["clock_id"] == clock_id else -1
+        except (OSError, *WRONG_CONTENT) as error:
+            text = f"time of the newest release: {error}"
+            self._context.report("STORED_REQUESTS_CORRUPT", text)
+        return -1
+
     def _keep(self, waiting: list[Activity], *, enabled: bool) -> None:
         entries = [{"release_ns": a.release_ns, "packet": a.packet.hex()} for a in waiting]
         epoch = self._context.epoch().document()
@@ -198,11 +220,17 @@ class Schedule:
         if damaged:
             text = f"schedule: {damaged} generations cannot be read"
             self._context.report("STORED_REQUESTS_CORRUPT", text)
+        if not self._released_through.path.exists():  # made while there is room for it
+            with suppress(OSError):  # the first release tries again, and says so
+                self._keep_release(-1)
         if found is None:
             return
         self.enabled, then, entries = found
         now, now_ns = self._context.epoch(), self._context.now_ns()
+        released_ns = self._released_ns(then.clock_id)
         for release_ns, packet in entries:
+            if release_ns <= released_ns:
+                continue
             try:
                 request = checked_request(self._context.executor, packet, 4, (OWN_SERVICE,))
             except TcError as error:

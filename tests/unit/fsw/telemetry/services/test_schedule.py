@@ -2,6 +2,7 @@
 
 import errno
 import os
+from pathlib import Path
 
 import pytest
 from fastcrc import crc16
@@ -136,6 +137,26 @@ def test_a_disk_that_is_full_changes_nothing(flight: Flight, monkeypatch: pytest
     assert times(flight) == [1010.0]
     flight.wait(10.1)
     assert len(flight.all("alive")) == 1  # released all the same
+
+
+def test_what_was_released_on_a_full_disk_is_not_released_again_after_a_crash(
+    flight: Flight, monkeypatch: pytest.MonkeyPatch
+):
+    flight.send("INSERT_ACTIVITY", at(10.0, flight, ping(1)))
+    flight.send("INSERT_ACTIVITY", at(11.0, flight, ping(2)))
+
+    def fail(_source: Path, _target: Path) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("file_delivery.durable.rename_file", fail)  # no new file
+    monkeypatch.setattr("fsw.telemetry.state.store.rename_file", fail)
+    flight.wait(10.5)
+    assert len(flight.all("alive")) == 1
+    again = restarted(flight)
+    again.wait(0.4)
+    assert len(again.all("alive")) == 0
+    again.wait(0.2)
+    assert len(again.all("alive")) == 1
 
 
 def test_damaged_documents_give_way_to_older_ones_and_never_stop_the_start(flight: Flight):
