@@ -14,7 +14,6 @@ from fsw.config.text import CONFIGURATION, TextError, must_be, read_yaml
 from fsw.config.whole import Config, parse
 from fsw.errors import ConfigError
 
-BETWEEN_FILES = " + "  # in the name of a configuration with overlays
 ONE_OF_TWO = {"q_BS_xyzw": "rpy_BS_rad", "rpy_BS_rad": "q_BS_xyzw"}  # one replaces the other
 
 
@@ -31,8 +30,7 @@ def with_overlays(config: Config, overlays: Sequence[Path]) -> Config:
     for path in overlays:
         data = merged(data, _read(path), str(path))
     text = yaml.safe_dump(data, sort_keys=False, allow_unicode=True).encode()
-    name = BETWEEN_FILES.join([config.name, *map(str, overlays)])
-    return parse(text, config.resolve(Path()), name)
+    return parse(text, config.resolve(Path()), *config.files, *map(str, overlays))
 
 
 def _read(path: Path) -> dict[Any, Any]:

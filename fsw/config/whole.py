@@ -42,6 +42,8 @@ from fsw.config.wheels import WheelConfig, wheels_go_with
 from fsw.config.wrench_sensors import WrenchSensorConfig, wrench_sensors_go_with
 from fsw.errors import ConfigError
 
+BETWEEN_FILES = " + "  # in the name of a configuration with overlays
+
 
 class Config(Section):
     """The whole configuration of one daemon."""
@@ -71,11 +73,11 @@ class Config(Section):
 
     _source: bytes = PrivateAttr(default=b"")
     _folder: Path = PrivateAttr(default=Path())
-    _name: str = PrivateAttr(default="configuration")
+    _files: tuple[str, ...] = PrivateAttr(default=("configuration",))
 
-    def read_from(self, source: bytes, folder: Path, name: str) -> Self:
-        """Store the text, folder and name of the configuration's file; return `self`."""
-        self._source, self._folder, self._name = source, folder, name
+    def read_from(self, source: bytes, folder: Path, *files: str) -> Self:
+        """Store the text, its folder, and the files that it is from; return `self`."""
+        self._source, self._folder, self._files = source, folder, files
         return self
 
     @property
@@ -85,8 +87,13 @@ class Config(Section):
 
     @property
     def name(self) -> str:
-        """Name of this configuration in messages: the path of its file."""
-        return self._name
+        """Name of this configuration in messages: the paths of its files."""
+        return BETWEEN_FILES.join(self._files)
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Path of the configuration's file, then those of its overlays."""
+        return self._files
 
     @property
     def source(self) -> bytes:
@@ -106,7 +113,7 @@ class Config(Section):
         if not self._source:
             return self
         data = read_yaml(self._source, aliases=True)
-        return type(self).model_validate(data).read_from(self._source, self._folder, self._name)
+        return type(self).model_validate(data).read_from(self._source, self._folder, *self._files)
 
     def resolve(self, path: Path) -> Path:
         """Return a path of the configuration; a relative path starts at the file's folder."""
@@ -171,7 +178,7 @@ class Config(Section):
             changed = type(self).model_validate(data)
         except ValidationError as error:
             raise ConfigError("\n".join(explain(type(self), error))) from error
-        return changed.read_from(self._source, self._folder, self._name)
+        return changed.read_from(self._source, self._folder, *self._files)
 
     @model_validator(mode="before")
     @classmethod
@@ -336,13 +343,16 @@ def json_schema() -> dict[str, Any]:
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **Config.model_json_schema()}
 
 
-def parse(source: bytes, folder: Path, name: str) -> Config:
+def parse(source: bytes, folder: Path, *files: str) -> Config:
     """Return the configuration in YAML text `source`; relative paths start at `folder`.
+
+    `files` are those that the text is from.
 
     Raises
     ------
     ConfigError with one line per fault, which names key, value and bound.
     """
+    name = BETWEEN_FILES.join(files)
     if (kind := kind_of(source)) not in ("", CONFIGURATION, RECORDING):
         raise ConfigError(f"{name}: is {kind}, no configuration; fsw init URDF writes one")
     try:
@@ -356,4 +366,4 @@ def parse(source: bytes, folder: Path, name: str) -> Config:
     except ValidationError as error:
         lines = [f"{name}: {line}" for line in explain(Config, error)]
         raise ConfigError("\n".join(lines)) from error
-    return config.read_from(source, folder.absolute(), name)
+    return config.read_from(source, folder.absolute(), *files)

@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 
 from fsw.config import Config, load
-from fsw.config.overlay_file import BETWEEN_FILES, with_overlays
+from fsw.config.overlay_file import with_overlays
 from fsw.errors import CommandError, ConfigError
 from fsw.messages.commands import Code
 
@@ -20,7 +20,7 @@ def check_start(config: Config) -> None:
     from fsw.checks.outputs import validate_outputs
     from fsw.telemetry.link.uplink_configuration import check_uplink
 
-    first, *overlays = map(Path, config.name.split(BETWEEN_FILES))
+    first, *overlays = map(Path, config.files)
     try:
         found = with_overlays(load(first), overlays)
         for check in (validate, validate_ports, validate_outputs):

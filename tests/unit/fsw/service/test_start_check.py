@@ -56,8 +56,9 @@ def test_a_start_that_would_end_or_be_deaf_is_named(flying: ArmProject, word: st
     assert "\n" not in str(caught.value)
 
 
-def test_overlays_are_read_again_too(flying: ArmProject):
-    overlay = flying.folder / "overlay.yaml"
+@pytest.mark.parametrize("name", ["overlay.yaml", "a + b overlay.yaml"])
+def test_overlays_are_read_again_too(flying: ArmProject, name: str):
+    overlay = flying.folder / name
     overlay.write_text("imu: {rate_hz: 250.0}\n")
     config = with_overlays(load(flying.folder / "config.yaml"), [overlay])
     check_start(config)
