@@ -12,6 +12,7 @@ from ground.commands import Catalogue
 from ground.delivery import NOT_FOUND, Delivery, RefusedError
 from ground.errors import GroundError, LinkError
 from ground.link import Link
+from ground.state_folder import made
 from ground.telemetry import TelemetryDecoder
 from ground.transfers import Connect, Records, ResumableTransfer, SpoiledError, carry_on
 
@@ -33,8 +34,7 @@ class Files:
     def __init__(self, arguments: argparse.Namespace, make_link: LinkMaker) -> None:
         self._arguments, self._make_link = arguments, make_link
         self._catalogue, self._decoder = Catalogue(), TelemetryDecoder()
-        state: Path = arguments.state.expanduser()
-        state.mkdir(parents=True, exist_ok=True)
+        state = made(arguments.state.expanduser())
         self._records, self._numbers = Records(state / RECORDS), Numbers(state / NUMBERS)
         self._until_s = time.monotonic() + arguments.timeout
         self._progress = ProgressLines()

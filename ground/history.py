@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ground.errors import UsageError
+from ground.state_folder import made
 from ground.verification import Verification
 
 NAME = "commands.jsonl"
@@ -43,7 +44,7 @@ class CommandHistory:
             "error": str(last.get("error", "")),
         }
         try:
-            self._path.parent.mkdir(parents=True, exist_ok=True)
+            made(self._path.parent)
             if self._path.exists() and self._path.stat().st_size > LIMIT_BYTES:
                 self._path.replace(self._path.with_name(f"{NAME}.1"))
             with os.fdopen(

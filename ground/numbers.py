@@ -7,6 +7,7 @@ from pathlib import Path
 from file_delivery.durable import replace_file
 from file_delivery.locks import locked
 from ground.errors import UsageError
+from ground.state_folder import made
 
 WAIT_S = 5.0  # for another program that changes the number
 
@@ -42,7 +43,7 @@ class NumberFile:
             raise UsageError(f"{self._path}: damaged; remove it, no IV is used twice") from error
 
     def _change(self, step: Callable[[int], int]) -> int:
-        self._path.parent.mkdir(parents=True, exist_ok=True)
+        made(self._path.parent)
         with locked(self._path.with_suffix(".lock"), WAIT_S):
             current = 0 if self.is_new else int(json.loads(self._path.read_text())["next"])
             replace_file(self._path, json.dumps({"next": step(current)}))

@@ -26,6 +26,7 @@ from ground.delivery import (
     facts_of,
 )
 from ground.errors import FAILED, REJECTED, GroundError, LinkError, UsageError
+from ground.state_folder import made
 
 RETRY_S = 0.5
 ATTEMPTS = 4  # to get a file that changes meanwhile
@@ -96,7 +97,7 @@ class Records:
 
     def keep(self, record: TransferRecord) -> None:
         """Write a record; it is on the disk when this returns."""
-        self._folder.mkdir(parents=True, exist_ok=True)
+        made(self._folder)
         replace_file(self._path(record), json.dumps(asdict(record)))
 
     def holds(self, record: TransferRecord) -> bool:

@@ -211,3 +211,12 @@ def test_every_command_that_was_sent_is_in_the_history(capsys, home):
     assert (first["command"], first["outcome"], first["via"]) == ("PING", "completed", "tc")
     assert first["target"].startswith("127.0.0.1:")
     assert (home / ".local/state/ground/commands.jsonl").stat().st_mode & 0o077 == 0
+    assert (home / ".local/state/ground").stat().st_mode & 0o077 == 0
+
+
+def test_a_folder_that_cannot_be_made_is_one_line(capsys, home):
+    (home / "file").touch()
+    assert main(["--state", str(home / "file/state"), "file", "get", "files/a", "a"]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "file/state: Not a directory" in said
