@@ -35,7 +35,7 @@ from fsw.commands.recording_arguments import (
     report_arguments,
     view_arguments,
 )
-from fsw.errors import ConfigError, FswError
+from fsw.errors import ConfigError, FswError, in_words
 
 if TYPE_CHECKING:
     from fsw.commands.robot import Robot
@@ -63,16 +63,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("\nfsw: interrupted", file=sys.stderr)
         return INTERRUPTED_EXIT
-    except ConfigError as error:
-        print(f"fsw: {error}", file=sys.stderr)
-        return CONFIG_EXIT
-    except FswError as error:
-        print(f"fsw: {error}", file=sys.stderr)
-        return FAILED_EXIT
-    except OSError as error:  # a file cannot be read or written
-        where = f"{error.filename}: " if error.filename else ""
-        print(f"fsw: {where}{error.strerror or error}", file=sys.stderr)
-        return FAILED_EXIT
+    except (FswError, ModuleNotFoundError, OSError) as error:
+        print(f"fsw: {in_words(error, 'fsw')}", file=sys.stderr)
+        return CONFIG_EXIT if isinstance(error, ConfigError | ModuleNotFoundError) else FAILED_EXIT
 
 
 def _open_standard_streams() -> None:

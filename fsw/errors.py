@@ -6,6 +6,8 @@ Any other exception is a programmer's mistake.
 from contextlib import suppress
 from reprlib import Repr
 
+from file_delivery.extras import cure
+
 MAX_CHARACTERS = 400
 _BRIEF = Repr()
 _BRIEF.maxlist = _BRIEF.maxtuple = 8
@@ -63,6 +65,15 @@ WRONG_CONTENT = (
 )
 # errors that arithmetic on received numbers may raise; LinAlgError is a ValueError
 NUMERICAL = (EstimatorError, ValueError, ArithmeticError)
+
+
+def in_words(error: Exception, program: str) -> str:
+    """Return the message of an error that ends a command of `program`, with its file or cure."""
+    if isinstance(error, ModuleNotFoundError):
+        return cure(error, program)
+    if isinstance(error, OSError) and not isinstance(error, FswError):
+        return f"{f'{error.filename}: ' if error.filename else ''}{error.strerror or error}"
+    return str(error)
 
 
 def unforeseen(error: Exception) -> str:

@@ -13,6 +13,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from file_delivery.extras import cure
 from ground.errors import LINK, USAGE, GroundError
 from ground.examples import EXAMPLES, FILES
 from ground.sdls import Sealer
@@ -35,8 +36,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except GroundError as error:
         print(f"ground: {error}", file=sys.stderr)
         return error.exit_code
-    except ImportError as error:
-        print(f"ground: {error}; pip install 'inertia-daemon[ground]'", file=sys.stderr)
+    except ModuleNotFoundError as error:
+        print(f"ground: {cure(error, 'ground')}", file=sys.stderr)
         return USAGE
     except (BrokenPipeError, KeyboardInterrupt):
         return LINK

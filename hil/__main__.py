@@ -155,10 +155,8 @@ def _seeds(arguments: argparse.Namespace) -> int:
     numbers = range(arguments.first, arguments.first + arguments.count)
     options = [] if arguments.real_time else ["--fast"]
     options += [word for setting in arguments.settings for word in ("--set", setting)]
-    for name in ("config", "devices"):
-        if (path := getattr(arguments, name)) is not None:
-            options += [f"--{name}", str(path)]
-    outcomes = run_seeds(arguments.scenario, numbers, arguments.jobs, options, arguments.out)
+    files = {k: path for k in ("config", "devices") if (path := getattr(arguments, k)) is not None}
+    outcomes = run_seeds(arguments.scenario, numbers, arguments.jobs, options, arguments.out, files)
     if arguments.json:
         print(json.dumps({"summary": summary(outcomes), "runs": outcomes}))
     else:
@@ -171,6 +169,7 @@ def _run(arguments: argparse.Namespace) -> int:
         print(f"hil: run: {text}", file=sys.stderr)
 
     say("preparing world, devices and flight software")
+    from file_delivery.durable import replace_file
     from hil.evidence.settings import settled
     from hil.judge import judgement, page, report
     from hil.judge.text import show
@@ -218,7 +217,7 @@ def _run(arguments: argparse.Namespace) -> int:
         say("judging the result against the truth")
         case = judgement.make_case(setup)
         outcome = judgement.judge(setup, case, recorded)
-        (folder / "result.json").write_text(json.dumps(outcome, indent=1), encoding="utf-8")
+        replace_file(folder / "result.json", json.dumps(outcome, indent=1))
         picture = None
         if arguments.out is not None or not arguments.json:
             say("drawing")

@@ -18,23 +18,24 @@ def explained(
 
     `out` is the folder of the command's results, which continues if it has settings.
     """
-    from fsw.errors import ConfigError, FswError
-    from hil.run.live import LiveError
-    from hil.world.scenario import ScenarioError
+    from fsw.errors import ConfigError, FswError, in_words
 
     try:
+        from hil.run.live import LiveError  # it and the next one may lack a package
+        from hil.world.scenario import ScenarioError
+
         code = action()
         sys.stdout.flush()
         return code
     except BrokenPipeError:  # the reader of the output closed the pipe
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except (ConfigError, ScenarioError) as error:
-        sys.stderr.write(f"hil: {error}\n")
+    except ModuleNotFoundError as error:  # first: the classes below may be what is missing
+        sys.stderr.write(f"hil: {in_words(error, 'hil')}\n")
         return wrong_exit
-    except (FswError, LiveError) as error:
-        sys.stderr.write(f"hil: {error}\n")
-        return failed_exit
+    except (FswError, ScenarioError, LiveError, OSError) as error:
+        sys.stderr.write(f"hil: {in_words(error, 'hil')}\n")
+        return wrong_exit if isinstance(error, ConfigError | ScenarioError) else failed_exit
     except KeyboardInterrupt:
         resumes = out is not None and (out / SETTINGS).exists()
         words = f"; the same command continues from {out}" * resumes

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from file_delivery.extras import needs
 from fsw.checks.configuration import missing_devices, validate
 from fsw.checks.outputs import validate_outputs
 from fsw.commands.describe import describe
@@ -59,5 +60,4 @@ def planning(command: str) -> Iterator[None]:
     try:
         yield
     except ImportError as error:
-        words = f"fsw {command} needs {error.name}: pip install 'inertia-daemon[excite]'"
-        raise ConfigError(words) from error
+        raise ConfigError(needs(f"fsw {command}", str(error.name), "excite")) from error

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from file_delivery.extras import needs
 from fsw.errors import ConfigError
 
 
@@ -17,8 +18,7 @@ def require_pyarrow() -> None:
     try:
         import pyarrow.parquet  # noqa: F401
     except ImportError as error:
-        words = "Parquet needs pyarrow: pip install 'inertia-daemon[parquet]'"
-        raise ConfigError(words) from error
+        raise ConfigError(needs("Parquet", "pyarrow", "parquet")) from error
 
 
 def write_parquet(

@@ -280,9 +280,9 @@ class Service:
         self._jobs.config = config
 
     def _write_status(self, *, running: bool) -> None:
-        path = self._switch.path
         recorder: Mapping[str, Any] = {
-            "path": str(path) if path is not None else None,
+            "path": None if self._switch.path is None else str(self._switch.path),
+            "failing": self._switch.failing,
             "failed_messages": self._switch.lost,
             "dropped": self.inbox.dropped,
         }

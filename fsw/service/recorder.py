@@ -171,6 +171,7 @@ class RecorderSink:
         self._retry_ns = 0 if writer is not None else SOON  # 0: all is well
         self._last_path = writer.path if writer is not None else None
         self._unsure = 0  # messages not written to the file for certain
+        self.failing = "" if writer is not None else "no file could be opened"  # empty: all is well
         self.lost = 0  # messages that are in no file
         self.dropped = 0  # messages lost in the rings
 
@@ -258,10 +259,10 @@ class RecorderSink:
             self._writer = parts()
         except OSError as error:
             if first:
-                text = f"no new part: {error.strerror or error}"
-                self._report("high", failure_code(error), text)
+                self.failing = f"no new part: {error.strerror or error}"
+                self._report("high", failure_code(error), self.failing)
             return
-        self._last_path = self._writer.path
+        self._last_path, self.failing = self._writer.path, ""
         self._began_ns, self._chunk_ns, self._retry_ns = t_ns, t_ns, 0
         if code is not None:
             text = f"{self._last_path}: recording continues; {self.lost} messages were lost"
@@ -290,8 +291,8 @@ class RecorderSink:
         self.lost, self._unsure = self.lost + self._unsure + count, 0
         self._retry_ns = SOON
         writer.abandon()
-        text = f"{writer.path}: {error.strerror or error}"
-        self._report("high", failure_code(error), text)
+        self.failing = f"{writer.path}: {error.strerror or error}"
+        self._report("high", failure_code(error), self.failing)
 
 
 def failure_code(error: OSError) -> str:

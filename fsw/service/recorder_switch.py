@@ -31,6 +31,11 @@ class RecorderSwitch:
         """Return the number of messages that could not be written."""
         return self._lost + (0 if self.sink is None else self.sink.lost)
 
+    @property
+    def failing(self) -> str:
+        """Why a recording in progress is not written; empty: it is, or there is none."""
+        return "" if self.sink is None else self.sink.failing
+
     def configured(self, config: Config) -> None:
         """Set the effective configuration, which the next recording carries."""
         self._config = config

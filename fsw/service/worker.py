@@ -16,6 +16,7 @@ from typing import IO, Any
 
 import numpy as np
 
+from file_delivery.extras import needs
 from fsw.config import Config
 from fsw.errors import ConfigError, EstimatorError, FswError
 from fsw.exchange.tied import end_with
@@ -74,7 +75,7 @@ def run_plan(config: Config, request: PlanRequest, progress: Progress) -> JobRep
     try:
         result = _planned(config, request, progress)
     except ImportError as error:
-        text = f"{error.name} is missing: pip install 'inertia-daemon[excite]'"
+        text = needs("RUN_PLAN", str(error.name), "excite")
     except OSError as error:
         text = f"{request.out}: {error.strerror or error}"
     except (FswError, np.linalg.LinAlgError) as error:

@@ -13,10 +13,12 @@ from rich.console import Console
 from rich.table import Table
 
 from hil.evidence import runner
+from hil.evidence.settings import content_of
 from hil.evidence.store import Row, Store
 from hil.judge import chi_square
 from hil.run.live import LiveError
 from hil.run.processes import tied
+from hil.world.scenario import load
 
 
 def outcome(seed: int, scenario: str, options: Sequence[str]) -> dict[str, Row]:
@@ -39,16 +41,22 @@ def run_seeds(
     jobs: int,
     options: Sequence[str],
     out: Path | None,
+    files: Mapping[str, Path] | None = None,
 ) -> list[Mapping[str, Any]]:
     """Run the seeds that the folder lacks; return the outcomes of all seeds in their order.
 
+    `files`: configurations by the option that names them, beside `options`.
+
     Raises
     ------
-    ScenarioError if the folder holds results of another scenario or of other options.
+    ScenarioError if the folder holds results of another scenario, other files or other options.
     """
-    settings = {"scenario": scenario, "options": list(options), "judged": "every output"}
+    files = files or {}
+    content = content_of(load(scenario), files)
+    settings = {"options": list(options), "judged": "every output", "content": content}
     store = Store(out, settings)
-    work = partial(outcome, scenario=scenario, options=options)
+    named = [word for name, path in files.items() for word in (f"--{name}", str(path))]
+    work = partial(outcome, scenario=scenario, options=[*options, *named])
     return runner.rows(scenario, work, seeds, store, jobs)
 
 

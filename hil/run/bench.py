@@ -282,7 +282,7 @@ class VirtualRun:
         sink: Sink = self._collector
         if record or setup.exact is not None:
             writer = open_recording(setup.config, setup.folder / RECORDING)
-            sink = Fanout(self._collector, RecorderSink(writer, lambda _s, _c, _t: None))
+            sink = Fanout(self._collector, RecorderSink(writer, live.end_unrecorded))
         cans = {**world.cans, world.can.bus + SECOND: world.redundant}
         ports = Ports(
             can=cans,
@@ -367,7 +367,7 @@ def run_live(setup: Setup, meter: Meter) -> Recorded:
     plant = plant_document(scenario, setup.seed, setup.folder, setup.bus_ports)
     plant_path = write_yaml(setup.folder / "plant.yaml", plant)
     link = setup.config.telemetry
-    disturb = live.nothing if link is None else live.Announcement(setup.folder)
+    disturb = live.nothing if link is None else live.Announcement(setup.folder, link)
     outcome = live.run(setup.config_path, plant_path, setup.total_s, meter, disturb)
     collector, pipeline = Collector(), default_pipeline(setup.config)
     replayed = replay(outcome.recordings[-1], setup.config, sink=collector, pipeline=pipeline)

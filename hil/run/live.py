@@ -17,6 +17,7 @@ from typing import Any
 from mcap.exceptions import McapError
 from mcap.reader import NonSeekingReader
 
+from fsw.config.telemetry import TelemetryConfig
 from fsw.messages import Event
 from hil.run.processes import tied
 from hil.run.progress import Meter
@@ -24,6 +25,7 @@ from hil.run.progress import Meter
 START_TIMEOUT_S = 60.0
 STOP_TIMEOUT_S = 60.0
 POLL_S = 0.1
+STALE_NS = 1_500_000_000  # age of a status from which on it does not describe the run
 _CLAIMS: list[socket.socket] = []  # sockets that claim UDP ports
 PROCESS = re.compile(r"fsw\.(?:loop\.)?(\w+)\.process")  # module of a process of the daemon
 
@@ -80,6 +82,19 @@ def free_tcp_port() -> int:
     return port
 
 
+def require_free(host: str, port: int) -> None:
+    """Raise LiveError if the daemon's link for the ground cannot listen on a TCP port."""
+    try:
+        socket.create_server((host, port), family=_family(host)).close()
+    except OSError as error:
+        words = os.strerror(error.errno) if error.errno else str(error)
+        raise LiveError(f"telemetry.port {port} on {host}: {words}; choose another") from error
+
+
+def _family(host: str) -> socket.AddressFamily:
+    return socket.AF_INET6 if ":" in host else socket.AF_INET
+
+
 def require_multicast(bus: Mapping[str, Any]) -> None:
     """Raise LiveError with the remedy if a bus over IPv4 multicast has no route here."""
     group = str(bus.get("channel"))
@@ -125,9 +140,13 @@ def nothing(_done_s: float, _plant: int, _daemon: int) -> None:
 
 
 class Announcement:
-    """Prints once that the daemon's link is open; commands sent earlier are refused."""
+    """Prints once that the daemon's link is open; commands sent earlier are refused.
 
-    def __init__(self, folder: Path) -> None:
+    Raises LiveError if the link could not be opened.
+    """
+
+    def __init__(self, folder: Path, link: TelemetryConfig) -> None:
+        require_free(link.host, link.port)
         self._state = folder / "state" / "status.json"
         self._is_said = False
 
@@ -180,6 +199,11 @@ def run(
     )
 
 
+def end_unrecorded(_severity: str, code: str, text: str) -> None:
+    """End a run whose recording has failed. Raises LiveError."""
+    raise LiveError(f"{code}: {text}")
+
+
 @contextmanager
 def process_of(name: str, arguments: list[str], folder: Path) -> Iterator[subprocess.Popen[str]]:
     """Start a Python process with a log file; kill it if it still runs at the block's end."""
@@ -228,6 +252,7 @@ def _watch(
     """Follow the daemon's status until `total_s` has passed. Raises LiveError if a process ends."""
     began_s = time.monotonic()
     first: tuple[int, int] | None = None
+    said = ""
     while True:
         for name, process in (("plant", plant), ("daemon", daemon)):
             if process.poll() is not None:
@@ -241,11 +266,34 @@ def _watch(
                 raise LiveError(f"the daemon wrote no status; {_tail(folder, 'daemon')}")
         else:
             done_s = (time.monotonic_ns() - first[0]) * 1e-9
-            meter.update(min(done_s, total_s), None if status is None else status.get("estimate"))
+            wrong = trouble(status, time.monotonic_ns())
+            if wrong and wrong != said:
+                sys.stderr.write(f"hil: run: {wrong}\n")
+            said = wrong
+            meter.update(min(done_s, total_s), shown(status, wrong))
             disturb(done_s, plant.pid, daemon.pid)
             if done_s >= total_s:
                 return
         time.sleep(POLL_S)
+
+
+def trouble(status: Mapping[str, Any] | None, now_ns: int) -> str:
+    """Return why the newest status says nothing of the run, or nothing is recorded; empty: well."""
+    if status is None:
+        return ""
+    if now_ns - int(status["t_ns"]) > STALE_NS:
+        return f"no status from the daemon for more than {STALE_NS / 1e9:g} s"
+    if status.get("recorder", {}).get("failing"):
+        return f"nothing is recorded: {status['recorder']['failing']}"
+    return ""
+
+
+def shown(status: Mapping[str, Any] | None, wrong: str) -> Mapping[str, Any] | None:
+    """Return the newest estimate's summary for the meter; it is not valid if something is wrong."""
+    estimate: Mapping[str, Any] | None = None if status is None else status.get("estimate")
+    if estimate is None or not wrong:
+        return estimate
+    return {**estimate, "valid": False, "reason": wrong}
 
 
 def read_status(path: Path) -> dict[str, Any] | None:

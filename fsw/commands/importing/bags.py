@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from file_delivery.extras import needs
 from fsw.commands.importing.columns import Columns
 from fsw.errors import ConfigError, unforeseen
 
@@ -121,8 +122,8 @@ def _messages(path: Path) -> Iterator[_Message]:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ImportError as error:
-        words = f"{path}: a ROS 2 bag needs {error.name}: pip install 'inertia-daemon[ros2]'"
-        raise ConfigError(words) from error
+        words = needs("a ROS 2 bag", str(error.name), "ros2")
+        raise ConfigError(f"{path}: {words}") from error
     try:
         with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as bag:
             wanted = [c for c in bag.connections if c.msgtype in (JOINT_STATE, *_VECTORS)]

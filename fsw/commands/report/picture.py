@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from file_delivery.extras import needs
 from fsw.commands.report.view import Chart, View
 from fsw.errors import ConfigError
 
@@ -28,8 +29,7 @@ def write_png(view: View, charts: Sequence[Chart], path: Path) -> None:
     try:
         from matplotlib.figure import Figure
     except ImportError as error:
-        words = "--png needs matplotlib: pip install 'inertia-daemon[excite]'"
-        raise ConfigError(words) from error
+        raise ConfigError(needs("--png", "matplotlib")) from error
     rows = max(1, -(-len(charts) // 2))
     figure = Figure(figsize=(14, 4 * rows), layout="constrained")
     figure.suptitle(f"{view.title}: {view.verdict}")

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from file_delivery.extras import needs
 from fsw.commands.replay import replay
 from fsw.commands.report.collect import Collector, Progress
 from fsw.commands.view import scene
@@ -192,7 +193,7 @@ def _viewer() -> str:
     """Return the JavaScript viewer of the package meshcat, without importing the package."""
     found = find_spec("meshcat")
     if found is None or found.origin is None:
-        raise ConfigError("fsw view needs meshcat: pip install 'inertia-daemon[view]'")
+        raise ConfigError(needs("fsw view", "meshcat", "view"))
     folder = Path(found.origin).parent / "viewer"
     names = ("LICENSE", "dist/main.min.js.LICENSE.txt", "dist/main.min.js")
     licence, others, program = ((folder / name).read_text(encoding="utf-8") for name in names)

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from file_delivery.extras import needs
 from hil.world.environment.config import Activity
 from hil.world.environment.density import ACTIVITIES, TABLE
 from hil.world.environment.orbit import FloatArray
@@ -91,9 +92,7 @@ def started() -> None:
         jpype: Any = import_module("jpype")
         orekit_jpype: Any = import_module("orekit_jpype")
     except ImportError as error:
-        raise ValueError(
-            "density: orekit needs the extra `orekit` (pip install .[orekit])"
-        ) from error
+        raise ValueError(needs("density: orekit", str(error.name), "orekit")) from error
     if not jpype.isJVMStarted():
         orekit_jpype.initVM()
 

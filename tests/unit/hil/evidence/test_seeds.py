@@ -1,11 +1,19 @@
-"""The summary of many seeds, on outcomes made by hand."""
+"""The summary of many seeds, on outcomes made by hand, and to which input results belong."""
 
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 from scipy.stats import chi2
 
-from hil.evidence.seeds import summary
+from hil.evidence import runner
+from hil.evidence.seeds import run_seeds, summary
+from hil.evidence.settings import content_of
+from hil.world.scenario import FOLDER, ScenarioError, load, names
+
+OWN = FOLDER / "configurations"
 
 
 def outcome(mass_kg: float, nees: float, wrong: int = 0) -> dict[str, Any]:
@@ -38,3 +46,53 @@ def test_counts_and_band_are_those_of_the_runs() -> None:
     assert (total["lost"], total["rejected"], total["late"]) == (3, 6, 0)
     assert total["ever_valid_and_wrong"] == 1
     assert total["slowest_speed_ratio"] == pytest.approx(5.0)
+
+
+def own(folder: Path) -> Path:
+    """Return a configuration with a URDF of its own beside it."""
+    folder.mkdir()
+    document = yaml.safe_load((OWN / "target_leo.yaml").read_text())
+    (folder / "robot.urdf").write_text(load("target_leo").urdf.read_text())
+    document["robot"]["urdf"] = "robot.urdf"
+    (folder / "own.yaml").write_text(yaml.safe_dump(document))
+    return folder / "own.yaml"
+
+
+def seeds(path: Path, out: Path) -> list[str]:
+    """Return the options of the runs that a folder of results lacks."""
+    ran: list[str] = []
+
+    def row(_scenario, _work, _seeds, _store, _jobs):
+        ran.extend(_work.keywords["options"])
+        return []
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(runner, "rows", row)
+        run_seeds("target_leo", range(1), 1, ["--fast"], out, {"config": path})
+    return ran
+
+
+def test_results_belong_to_the_content_of_a_configuration_not_to_its_path(tmp_path):
+    path, out = own(tmp_path / "a"), tmp_path / "out"
+    assert seeds(path, out) == ["--fast", "--config", str(path)]
+    assert seeds(own(tmp_path / "b"), out)  # the same content elsewhere
+    text = path.read_text()
+    path.write_text(text.replace("torque_noise_nm: 0.05", "torque_noise_nm: 0.06"))
+    assert path.read_text() != text
+    with pytest.raises(ScenarioError, match="results of other settings"):
+        seeds(path, out)
+    path.write_text(text)
+    urdf = path.with_name("robot.urdf")
+    urdf.write_text(urdf.read_text() + "<!-- another robot -->")
+    with pytest.raises(ScenarioError, match="results of other settings"):
+        seeds(path, out)
+
+
+@pytest.mark.parametrize("name", names())
+def test_every_scenario_has_a_content_that_stays(name):
+    assert content_of(load(name), {}) == content_of(load(name), {})
+
+
+def test_a_changed_world_has_another_content():
+    world = load("target_leo")
+    assert content_of(replace(world, before_s=5.0), {}) != content_of(world, {})

@@ -12,6 +12,7 @@ from hil.judge import judgement, page
 from hil.run import bench
 from hil.run.progress import describe
 from hil.world.scenario import FOLDER, load
+from tests.support.small_disk import small_disk
 
 CHI2_20_999 = 45.3  # 99.9 % bound of chi-squared with 20 degrees of freedom
 
@@ -191,3 +192,15 @@ def test_the_meter_line_shows_mass_sigma_and_excitation():
 def test_a_run_in_virtual_time_has_no_link(capsys):
     assert main(["run", "target_leo", "--fast", "--telemetry", "10025"]) == 2
     assert "--telemetry" in capsys.readouterr().err
+
+
+def test_a_full_disk_ends_a_run_in_one_line_and_leaves_no_result(tmp_path, capsys):
+    with small_disk(tmp_path / "disk", 1 << 19) as disk:
+        out = disk / "out"
+        assert main(["run", "target_leo", "--fast", "--json", "--out", str(out)]) == 1
+        assert not (out / "result.json").exists()
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    (line,) = [line for line in printed.err.splitlines() if "DISK_FULL" in line]
+    assert line.startswith("hil: ")
+    assert "No space left on device" in line
