@@ -2,7 +2,7 @@
 
 import os
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from types import FrameType
 from typing import TypeVar
@@ -21,6 +21,7 @@ from fsw.messages import Event
 from fsw.scheduler import realtime
 from fsw.scheduler.tasks import is_due
 
+WATCHES_PER_S = 10  # looks at the other processes
 RESTART_EXIT = 75  # exit code: the caller must start the daemon again
 SERVICE_WAIT_S = 20.0  # for the service to write its remaining data
 SETTLE_WAIT_S = 20.0  # for the estimation to process its remaining traffic
@@ -130,10 +131,15 @@ def run_live(config: Config, *, cold: bool = False) -> int:
         realtime.collect_young()
         for code, text in guard.faults():
             sink.put(Event(clock.now_ns(), "high", code, text))
+        processes.report_lost()
         if processes.watch():
             notifier.send("WATCHDOG=1")
 
-    drive(turn, each_second, ticks_per_s, lambda: stop.received or loop.stop_requested)
+    duties = (
+        (max(1, ticks_per_s // WATCHES_PER_S), processes.watch),  # what died is missed at once
+        (ticks_per_s, each_second),
+    )
+    drive(turn, duties, lambda: stop.received or loop.stop_requested)
     notifier.send("STOPPING=1")
     loop.finish()
     processes.settle(SETTLE_WAIT_S)
@@ -152,18 +158,19 @@ def _process_values(processes: Processes) -> dict[str, object]:
 
 def drive(
     turn: Callable[[], int],
-    each_second: Callable[[], None],
-    ticks_per_s: int,
+    duties: Sequence[tuple[int, Callable[[], object]]],
     ended: Callable[[], bool],
 ) -> None:
-    """Run ticks until the end; call `each_second` once per second of the grid, also after slips.
+    """Run ticks until the end; do each duty once per its number of ticks, also after slips.
 
     Parameters
     ----------
     turn : runs one tick and returns the tick's index on the grid
+    duties : number of ticks and action of each
     """
     index = 0
     while not ended():
         before, index = index, turn()
-        if is_due(ticks_per_s, index, before):
-            each_second()
+        for ticks, action in duties:
+            if is_due(ticks, index, before):
+                action()

@@ -249,14 +249,17 @@ class Processes:
             )
 
     def watch(self) -> bool:
-        """Start ended processes again, report lost traffic; return whether both are healthy."""
+        """Start ended processes again; return whether both are healthy."""
+        watched = [self.service.watch(), self.estimation.watch()]
+        return all(watched)
+
+    def report_lost(self) -> None:
+        """Report the traffic that was lost since the last report."""
         lost = self._to_estimation.lost
         if lost > self._told_lost and not self.estimation.gave_up:
             text = f"{lost - self._told_lost} frames and chunks lost between loop and estimation"
             self._to_service.put(Event(self._clock.now_ns(), "high", "ESTIMATION_DROPS", text))
         self._told_lost = lost
-        watched = [self.service.watch(), self.estimation.watch()]
-        return all(watched)
 
     def settle(self, timeout_s: float) -> None:
         """Let the estimation process its remaining traffic and end; kill it after `timeout_s`."""

@@ -257,7 +257,9 @@ def test_the_watchdog_is_stroked_while_all_are_at_work_and_only_then(run: Run, n
 @pytest.mark.parametrize("step", [1, 2, 3, 7])
 def test_what_is_due_each_second_is_done_whichever_ticks_are_missed(step: int):
     """A loop at twice its period has even indices only: 99 of 100 is never one of them."""
-    indices, done = list(range(0, 1001, step)), []
+    indices = list(range(0, 1001, step))
+    done: list[int] = []
+    often: list[int] = []
     left = iter(indices)
     turned: list[int] = []
 
@@ -265,7 +267,9 @@ def test_what_is_due_each_second_is_done_whichever_ticks_are_missed(step: int):
         turned.append(next(left))
         return turned[-1]
 
-    drive(turn, lambda: done.append(turned[-1]), 100, lambda: len(turned) == len(indices))
+    duties = ((10, lambda: often.append(turned[-1])), (100, lambda: done.append(turned[-1])))
+    drive(turn, duties, lambda: len(turned) == len(indices))
+    assert len(often) == indices[-1] // 10
     assert len(done) == indices[-1] // 100
     assert all(100 * k <= index < 100 * k + step for k, index in enumerate(done, start=1))
 
