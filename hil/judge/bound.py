@@ -1,8 +1,9 @@
 """Cramer-Rao bound of the unknown bodies for one run's true motion.
 
 Torque sensors, accelerometer and gyro have white noise at their native rates. Torque offsets and
-inertial biases are states with priors; encoders are exact; the momentum is zero. The Fisher
-information is the sum over samples of J^T R^-1 J plus the information of the priors.
+scales, inertial biases and a constant momentum are states with priors. The Fisher information is
+the sum over samples of J^T R^-1 J plus the information of the priors. The joints' motion is known
+exactly, or unknown and shown by the encoders (see `unknown_motion`).
 
 Predictions as functions of pi:  w = [-H_bb^-1 H_bm qd]_w,  a = -H_bb^-1 (c_b + H_bm qdd),
 tau = rows 6: of Y(q, nu, [a; qdd]) pi, with nu = [0, w, qd] (nothing depends on v_b) and
@@ -10,6 +11,9 @@ a the classical acceleration of the base origin. Total derivatives (w depends on
 
     J_nu = -H_bb^-1 Y(q, 0, nu_full)_b,  J_a = -H_bb^-1 (Y_b + D_b J_w),
     J_tau = Y_m + H_mb J_a + D_m J_w,  D = d(generalised force)/d w
+
+The derivatives by q, qd and qdd, and by the angular momentum, follow in the same way: the direct
+derivatives of generalised force and of the momentum H nu stand in place of Y and of Y(q, 0, nu).
 
 Source: Rackl, Lampariello, Albu-Schaeffer (2013), eqs. (2), (22)-(23), (30), differentiated.
 """
@@ -19,6 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hil.judge.floating import FloatingRobot
+from hil.judge.unknown_motion import Encoders, UnknownMotion
 from hil.world.inertia import FloatArray
 
 
@@ -36,6 +41,8 @@ class Sensors:
     acc_bias_sigma_m_s2: float
     p_BS_m: FloatArray  # (3,) accelerometer in B
     R_BS: FloatArray  # (3, 3)
+    torque_scale_sigma: float = 0.0  # of every joint, relative
+    momentum_sigma_nms: float = 0.0  # of each axis, constant in inertial space
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -48,6 +55,8 @@ class Sensitivity:
     J_tau: FloatArray  # (n, p)
     J_gyro: FloatArray  # (3, p)
     J_acc: FloatArray  # (3, p)
+    by_motion: FloatArray  # (n + 6, 3 n): d[tau; f; w]/d[q; qd; qdd]
+    by_momentum: FloatArray  # (n + 6, 3): the same by the angular momentum in B [N m s]
 
 
 def sensitivity(
@@ -59,20 +68,27 @@ def sensitivity(
     qdd: FloatArray,
 ) -> Sensitivity:
     """Return predictions and exact Jacobians at x (p,) for one joint state (rad, rad/s, rad/s2)."""
-    pi = robot.stacked(x)
+    pi, p, n = robot.stacked(x), len(x), robot.n
     H_b = robot.mass_columns(q) @ pi  # (6 + n, 6)
     H_bb, H_mb = H_b[:6], H_b[6:]
     twist = -robot.give(H_bb, robot.momentum(q, qd) @ pi)
-    momentum_rows = robot.regressor(q, np.zeros(6 + robot.n), np.concatenate((twist, qd)))[:6]
-    J_twist = -robot.give(H_bb, momentum_rows @ robot.select)
+    rates = np.concatenate((twist, qd))
+    still = np.zeros(6 + n)
+    momentum_by_x = robot.regressor(q, still, rates)[:6] @ robot.select
+    H_by_q, _, H = robot.derivatives(q, still, rates, pi)
+    by_momentum = -np.eye(6)[:, 3:]
+    J_twist = -robot.give(
+        H_bb, np.hstack((momentum_by_x, H_by_q[:6], H[:6, 6:], np.zeros((6, n)), by_momentum))
+    )
     w, J_w = twist[3:], J_twist[3:]
     nu = np.concatenate((np.zeros(3), w, qd))
     held = np.concatenate((robot.support, qdd))
     a = robot.support - robot.give(H_bb, (robot.regressor(q, nu, held) @ pi)[:6])
     full = np.concatenate((a, qdd))
     Y = robot.regressor(q, nu, full)
-    D = robot.bias_derivative(q, nu, full, pi)[:, 3:6]
-    free = Y @ robot.select + D @ J_w
+    by_q, by_nu, _ = robot.derivatives(q, nu, full, pi)
+    free = np.hstack((Y @ robot.select, by_q, by_nu[:, 6:], H[:, 6:], np.zeros((6 + n, 3))))
+    free += by_nu[:, 3:6] @ J_w
     J_a = -robot.give(H_bb, free[:6])
     J_tau = free[6:] + H_mb @ J_a
     r, R_SB = sensors.p_BS_m, sensors.R_BS.T
@@ -80,13 +96,16 @@ def sensitivity(
     force = a[:3] + np.cross(wd, r) + np.cross(w, np.cross(w, r))
     centripetal = (w @ r) * np.eye(3) + np.outer(w, r) - 2 * np.outer(r, w)
     J_force = J_a[:3] - _cross_matrix(r) @ J_wd + centripetal @ J_w
+    J = np.vstack((J_tau, R_SB @ J_force, R_SB @ J_w))
     return Sensitivity(
         tau_nm=(Y @ pi)[6:],
         w_NS_S_rad_s=R_SB @ w,
         f_NS_S_m_s2=R_SB @ force,
-        J_tau=J_tau,
-        J_gyro=R_SB @ J_w,
-        J_acc=R_SB @ J_force,
+        J_tau=J[:n, :p],
+        J_gyro=J[n + 3 :, :p],
+        J_acc=J[n : n + 3, :p],
+        by_motion=J[:, p : p + 3 * n],
+        by_momentum=J[:, p + 3 * n :],
     )
 
 
@@ -97,43 +116,82 @@ def information(
     motion: tuple[FloatArray, FloatArray, FloatArray],
     rate_hz: float,
 ) -> FloatArray:
-    """Return the Fisher information (p, p) of x from a motion (q, qd, qdd) sampled at `rate_hz`.
+    """Return `Summed.information` for a motion (q, qd, qdd) that is known exactly."""
+    return Summed(robot, sensors, x, motion, rate_hz).information()
 
-    Offsets and biases are marginalised with their priors. Each instant counts as
-    (native rate / rate_hz) samples of each sensor.
+
+class Summed:
+    """Information about x, nuisances and motion, summed over a motion sampled at `rate_hz`.
+
+    Each instant counts as (native rate / rate_hz) samples of each sensor.
+
+    Parameters
+    ----------
+    motion : true (q, qd, qdd)
+    R_NB : (k, 3, 3) attitude of the base, needed for a momentum only; None: constant
+    encoders : what shows the joints' motion; None: it is known exactly
     """
-    n, p = robot.n, x.size
-    size = p + n + 6
-    total = np.zeros((size, size))
-    groups = (
-        (slice(p, p + n), sensors.torque_offset_sigma_nm),
-        (slice(p + n, p + n + 3), np.full(3, sensors.acc_bias_sigma_m_s2)),
-        (slice(p + n + 3, size), np.full(3, sensors.gyro_bias_sigma_rad_s)),
+
+    def __init__(
+        self,
+        robot: FloatingRobot,
+        sensors: Sensors,
+        x: FloatArray,
+        motion: tuple[FloatArray, FloatArray, FloatArray],
+        rate_hz: float,
+        R_NB: FloatArray | None = None,
+        encoders: Encoders | None = None,
+    ) -> None:
+        n, p = robot.n, x.size
+        self._p, self._prior = p, _prior_sigmas(sensors)
+        size = p + self._prior.size
+        of_imu = sensors.imu_rate_hz / rate_hz
+        weights = np.concatenate(
+            (
+                sensors.joint_rate_hz / rate_hz / sensors.torque_noise_nm**2,
+                np.full(3, of_imu / sensors.acc_noise_m_s2**2),
+                np.full(3, of_imu / sensors.gyro_noise_rad_s**2),
+            )
+        )
+        attitudes = np.broadcast_to(np.eye(3), (len(motion[0]), 3, 3)) if R_NB is None else R_NB
+        self._total = np.zeros((size, size))
+        count = len(motion[0])
+        self._motion = None if encoders is None else UnknownMotion(encoders, count, rate_hz, size)
+        for k, state in enumerate(zip(*motion, strict=True)):
+            s = sensitivity(robot, sensors, x, *state)
+            A = np.zeros((n + 6, size))
+            A[:, :p] = np.vstack((s.J_tau, s.J_acc, s.J_gyro))
+            A[:, p : p + n + 6] = np.eye(n + 6)
+            A[:n, p + n + 6 : p + 2 * n + 6] = np.diag(s.tau_nm)
+            A[:, p + 2 * n + 6 :] = s.by_momentum @ attitudes[k].T
+            self._total += A.T @ (weights[:, None] * A)
+            if self._motion is not None:
+                self._motion.add(k, A, s.by_motion, weights)
+
+    def information(self, *, motion_known: bool = True) -> FloatArray:
+        """Return the Fisher information (p, p) of x, nuisances marginalised with their priors."""
+        total, p, prior = self._total.copy(), self._p, self._prior
+        if not motion_known and self._motion is not None:
+            total -= self._motion.cost()
+        known = p + np.flatnonzero(prior == 0.0)
+        free = p + np.flatnonzero(prior > 0.0)
+        total[free, free] += 1.0 / prior[free - p] ** 2
+        total = np.delete(np.delete(total, known, 0), known, 1)
+        own, cross = total[:p, :p], total[:p, p:]
+        return np.asarray(own - cross @ np.linalg.solve(total[p:, p:], cross.T))
+
+
+def _prior_sigmas(sensors: Sensors) -> FloatArray:
+    """Return the prior sigmas of offsets, biases, scales and momentum; 0: known exactly."""
+    return np.concatenate(
+        (
+            sensors.torque_offset_sigma_nm,
+            np.full(3, sensors.acc_bias_sigma_m_s2),
+            np.full(3, sensors.gyro_bias_sigma_rad_s),
+            np.full(len(sensors.torque_noise_nm), sensors.torque_scale_sigma),
+            np.full(3, sensors.momentum_sigma_nms),
+        )
     )
-    weights = (
-        sensors.joint_rate_hz / rate_hz / sensors.torque_noise_nm**2,
-        np.full(3, sensors.imu_rate_hz / rate_hz / sensors.acc_noise_m_s2**2),
-        np.full(3, sensors.imu_rate_hz / rate_hz / sensors.gyro_noise_rad_s**2),
-    )
-    for state in zip(*motion, strict=True):
-        s = sensitivity(robot, sensors, x, *state)
-        for J, weight, (columns, _) in zip(
-            (s.J_tau, s.J_acc, s.J_gyro), weights, groups, strict=True
-        ):
-            total[:p, :p] += J.T @ (weight[:, None] * J)
-            total[:p, columns] += J.T * weight
-            total[columns, columns] += np.diag(weight)
-    known: list[int] = []
-    for columns, sigma in groups:
-        indices = np.arange(columns.start, columns.stop)
-        known += indices[sigma == 0].tolist()
-        free = indices[sigma > 0]
-        total[free, free] += 1.0 / sigma[sigma > 0] ** 2
-    keep = np.array([k for k in range(p, size) if k not in known], dtype=int)
-    if keep.size == 0:
-        return np.asarray(total[:p, :p])
-    cross = total[:p][:, keep]
-    return np.asarray(total[:p, :p] - cross @ np.linalg.solve(total[np.ix_(keep, keep)], cross.T))
 
 
 def _cross_matrix(v: FloatArray) -> FloatArray:

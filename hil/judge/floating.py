@@ -84,16 +84,21 @@ class FloatingRobot:
         nu = np.concatenate((np.zeros(6), qd))
         return self.regressor(q, self._zero, nu)[:6]
 
-    def bias_derivative(
+    def derivatives(
         self, q: FloatArray, nu: FloatArray, a: FloatArray, pi: FloatArray
-    ) -> FloatArray:
-        """Return d(generalised force)/d nu (6 + n, 6 + n) at parameters pi, fixed acceleration."""
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the generalised force's derivatives at parameters pi, all of 6 + n rows.
+
+        They are those by q (n columns), by nu (6 + n) and by the acceleration, which is H.
+        """
         for joint in range(1, self.model.njoints):
             own = pi[COUNT * (joint - 1) : COUNT * joint]
             self.model.inertias[joint] = pin.Inertia.FromDynamicParameters(own)
         self._q[7:] = q
         pin.computeRNEADerivatives(self.model, self.data, self._q, nu, a)
-        return np.array(self.data.dtau_dv)
+        H = np.triu(self.data.M)  # Pinocchio fills the upper triangle
+        H = H + np.triu(H, 1).T
+        return np.array(self.data.dtau_dq[:, 6:]), np.array(self.data.dtau_dv), H
 
     def give(self, H_bb: FloatArray, force: FloatArray) -> FloatArray:
         """Return the base's acceleration under forces (6,) or (6, k), with the stand if any."""

@@ -19,9 +19,9 @@ from hil.judge.endeffector import Verification
 from hil.judge.floating import FloatingRobot
 from hil.judge.outcome import body_report, body_sigma, outputs, result_of
 from hil.judge.report import Point, Residuals, Story
-from hil.judge.score import BOUND_RATE_HZ, Case, Result, bound_sigmas, comparison, score
+from hil.judge.score import BOUND_RATE_HZ, Case, Result, both_bounds, comparison, score
 from hil.run.bench import Recorded, Setup
-from hil.run.flight_sensors import bound_sensors
+from hil.run.flight_sensors import bound_encoders, bound_sensors
 from hil.world.inertia import FloatArray, pi_of
 from hil.world.spline import JointSpline
 
@@ -40,19 +40,22 @@ def make_case(setup: Setup) -> Case:
     t_s = np.arange(-scenario.before_s, end_s, 1 / BOUND_RATE_HZ)
     inside = np.clip(t_s, setup.history.start_s, setup.history.end_s)
     state = setup.history.at(inside)
+    known, shown = both_bounds(
+        robot,
+        bound_sensors(scenario, robot.n),
+        bound_encoders(scenario, setup.robot.is_prismatic),
+        scenario.truth,
+        setup.priors,
+        state,
+    )
     return Case(
         unknown=scenario.unknown,
         truth=scenario.truth,
         priors=setup.priors,
         robot=robot,
         verification=Verification(robot, lambda t: spline.evaluate(t)[:2], spline.duration_s),
-        bound_sigmas=bound_sigmas(
-            robot,
-            bound_sensors(scenario, robot.n),
-            scenario.truth,
-            setup.priors,
-            (state.q, state.qd, state.qdd),
-        ),
+        bound_sigmas=known,
+        true_bound_sigmas=shown,
     )
 
 

@@ -20,7 +20,7 @@ from fsw.commands.report.view import (
     thinned_axis,
 )
 from hil.judge.report import BAND_SIGMAS, Story
-from hil.judge.score import exact_words, nees_words, table, table_header
+from hil.judge.score import bound_words, exact_words, nees_words, table, table_header
 from hil.world.inertia import LABELS, FloatArray
 
 UNITS = ("kg", *("m",) * 3, *("kg m²",) * 6)
@@ -74,8 +74,7 @@ def _result(outcome: Mapping[str, Any]) -> Section:
     head = ("body", "quantity", *table_header(outcome)[1:])
     rows = [(body, *line) for body in outcome["unknown"] for line in table(outcome, body)]
     text = [
-        f"{body}: sigma of the mass is {ratio:.2f} of its Cramer-Rao bound."
-        for body, ratio in outcome["mass_sigma_to_crb_ratio"].items()
+        f"{body}: sigma of the mass is {bound_words(outcome, body)}." for body in outcome["unknown"]
     ]
     text += exact_words(outcome)
     return Section(title="Result", text=text, tables=[Table(head=head, rows=rows)])

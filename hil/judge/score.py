@@ -8,9 +8,11 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from hil.judge import chi_square
-from hil.judge.bound import Sensors, information
+from hil.judge.bound import Sensors, Summed
 from hil.judge.endeffector import ToolError, Verification
 from hil.judge.floating import FloatingRobot
+from hil.judge.unknown_motion import Encoders
+from hil.world.history import TruthState
 from hil.world.inertia import (
     COUNT,
     LABELS,
@@ -52,7 +54,8 @@ class Case:
     priors: dict[str, Prior]
     robot: FloatingRobot
     verification: Verification
-    bound_sigmas: dict[str, FloatArray]  # of the reports
+    bound_sigmas: dict[str, FloatArray]  # of the reports, if the joints' motion is known exactly
+    true_bound_sigmas: dict[str, FloatArray]  # of the reports, if encoders show the motion
 
     @property
     def x_truth(self) -> FloatArray:
@@ -88,17 +91,40 @@ def bound_sigmas(
 ) -> dict[str, FloatArray]:
     """Return the Cramer-Rao sigma (10,) of each unknown body's report, prior included.
 
-    `motion` is the true (q, qd, qdd) of the run sampled at `rate_hz`.
+    `motion` is the true (q, qd, qdd) of the run sampled at `rate_hz`, known exactly.
     """
-    unknown = list(priors)
-    x = stacked(truth, unknown)
-    total = information(robot, sensors, x, motion, rate_hz)
-    total += block_diag(*(prior_information(priors[body]) for body in unknown))
+    x = stacked(truth, list(priors))
+    return _sigmas(Summed(robot, sensors, x, motion, rate_hz).information(), x, priors)
+
+
+def both_bounds(
+    robot: FloatingRobot,
+    sensors: Sensors,
+    encoders: Encoders,
+    truth: Mapping[str, FloatArray],
+    priors: Mapping[str, Prior],
+    state: TruthState,
+) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
+    """Return `bound_sigmas` for a motion known exactly, and for one that encoders show.
+
+    `state` is the truth of the run sampled at BOUND_RATE_HZ.
+    """
+    x, motion = stacked(truth, list(priors)), (state.q, state.qd, state.qdd)
+    summed = Summed(robot, sensors, x, motion, BOUND_RATE_HZ, state.R_NB, encoders)
+    exact, shown = summed.information(), summed.information(motion_known=False)
+    return _sigmas(exact, x, priors), _sigmas(shown, x, priors)
+
+
+def _sigmas(
+    information: FloatArray, x: FloatArray, priors: Mapping[str, Prior]
+) -> dict[str, FloatArray]:
+    """Return the sigma (10,) of each body's report by information of the data and the priors."""
+    total = information + block_diag(*(prior_information(prior) for prior in priors.values()))
     scale = 1.0 / np.sqrt(np.diag(total))
     correlation = np.linalg.solve(total * np.outer(scale, scale), np.eye(scale.size))
     bound = correlation * np.outer(scale, scale)
     sigmas = {}
-    for k, body in enumerate(unknown):
+    for k, body in enumerate(priors):
         own = slice(COUNT * k, COUNT * (k + 1))
         report = report_covariance(x[own], bound[own, own])
         sigmas[body] = np.sqrt(np.diag(report))
@@ -125,6 +151,7 @@ def score(case: Case, result: Result) -> dict[str, Any]:
     """Return the part of the JSON about one result; bodies are mappings with units in keys."""
     unknown = case.unknown
     ratio = {b: float(result.sigmas[b][0] / case.bound_sigmas[b][0]) for b in unknown}
+    efficiency = {b: float(result.sigmas[b][0] / case.true_bound_sigmas[b][0]) for b in unknown}
     return {
         "valid": result.valid,
         "reason": result.reason,
@@ -136,7 +163,9 @@ def score(case: Case, result: Result) -> dict[str, Any]:
             for b in unknown
         },
         "crb": {b: mapping_from(case.bound_sigmas[b]) for b in unknown},
+        "true_crb": {b: mapping_from(case.true_bound_sigmas[b]) for b in unknown},
         "mass_sigma_to_crb_ratio": ratio,
+        "mass_sigma_to_true_crb_ratio": efficiency,
         "ee_error": case.verification.error(result.x, case.x_truth).summary(),
         "ee_error_prior": case.verification.error(case.x_prior, case.x_truth).summary(),
         "ee_error_expected": expected_tool_error(case, result).summary(),
@@ -206,6 +235,16 @@ def exact_words(outcome: Mapping[str, Any]) -> list[str]:
         f"NEES {exact['nees']:.1f}, {state}"
         for body in outcome["unknown"]
     ]
+
+
+def bound_words(outcome: Mapping[str, Any], body: str) -> str:
+    """Return how far the sigma of a body's mass is from both bounds."""
+    known = outcome["mass_sigma_to_crb_ratio"][body]
+    shown = outcome["mass_sigma_to_true_crb_ratio"][body]
+    return (
+        f"{shown:.2f} of the Cramer-Rao bound of these sensors, encoders included; "
+        f"{known:.2f} of the bound with the joints' motion known exactly"
+    )
 
 
 def rows(body: Mapping[str, Any]) -> FloatArray:

@@ -8,7 +8,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from hil.judge.score import exact_words, nees_words, table, table_header
+from hil.judge.score import bound_words, exact_words, nees_words, table, table_header
 
 FULL_WIDTH = 108  # columns of a terminal that holds every column of the table
 LEFT_OUT = ("prior", "bound", "raw OLS")  # columns that a narrower terminal does not show
@@ -65,8 +65,7 @@ def _body(outcome: Mapping[str, Any], body: str, console: Console) -> None:
     for line in table(outcome, body):
         shown.add_row(*(line[k] for k in kept))
     console.print(shown)
-    ratio = outcome["mass_sigma_to_crb_ratio"][body]
-    console.print(f"{body} mass sigma is {ratio:.2f} of its Cramer-Rao bound")
+    console.print(f"{body} mass sigma is {bound_words(outcome, body)}")
 
 
 def _tool(outcome: Mapping[str, Any], console: Console) -> None:

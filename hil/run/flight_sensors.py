@@ -9,6 +9,7 @@ import numpy as np
 
 from hil.devices.imu_wire import wire_of
 from hil.judge.bound import Sensors
+from hil.judge.unknown_motion import Encoders
 from hil.world.noise import BandLimitedWhiteNoise
 from hil.world.scenario import Scenario, ScenarioError
 from hil.world.sensor_config import ImuSensorConfig, JointSensorConfig, NodeConfig, SensorConfig
@@ -143,6 +144,12 @@ def position_noise_rad(
     return math.hypot(noise, step, stamp_noise_rad)
 
 
+def speed_noise_rad_s(joints: JointSensorConfig, *, is_prismatic: bool = False) -> float:
+    """Return 1 sigma of one sample of a speed encoder: noise and wire step."""
+    step = POSITION_STEP_RAD / (math.tau if is_prismatic else 1.0)
+    return math.hypot(joints.speed_noise_rad_s, step / math.sqrt(12))
+
+
 def _in_units_of(joint: dict[str, Any], *, is_prismatic: bool) -> dict[str, Any]:
     """Return a joint's section; for a prismatic joint, rename keys to metres and newtons."""
     if not is_prismatic:
@@ -166,10 +173,9 @@ def _angle(
 ) -> dict[str, Any]:
     """Return the encoder's keys of a joint's section; `start_rad` is the declared start angle."""
     if node.encoder == "speed":
-        step = POSITION_STEP_RAD / (math.tau if is_prismatic else 1.0)
         return {
             "encoder": "speed",
-            "speed_noise_rad_s": math.hypot(joints.speed_noise_rad_s, step / math.sqrt(12)),
+            "speed_noise_rad_s": speed_noise_rad_s(joints, is_prismatic=is_prismatic),
             "start_rad": start_rad,
             "zero_sigma_rad": joints.start_sigma_rad,
         }
@@ -296,4 +302,22 @@ def bound_sensors(scenario: Scenario, n: int) -> Sensors:
         acc_bias_sigma_m_s2=0.0 if imu is None else imu.acc_bias_sigma_m_s2,
         p_BS_m=np.zeros(3) if imu is None else np.array(imu.p_BS_m),
         R_BS=np.eye(3) if imu is None else rotation_of(imu.q_BS_xyzw),
+        torque_scale_sigma=sensors.joints.torque_scale_error_ratio,
+        momentum_sigma_nms=scenario.flight["estimator"].get("momentum_sigma_nms", 0.0),
+    )
+
+
+def bound_encoders(scenario: Scenario, is_prismatic: Sequence[bool]) -> Encoders:
+    """Return the noise of the joints' encoders, rounding included, and the motion's smoothness."""
+    sensors = SensorConfig.from_dict(scenario.sensors)
+    rate_hz, joints = float(scenario.flight["bus"]["rate_hz"]), sensors.joints
+    nodes = _nodes(sensors, len(is_prismatic))
+    by_speed = np.array([node.encoder == "speed" for node in nodes])
+    angles = [position_noise_rad(joints, 0.0, rate_hz, is_prismatic=own) for own in is_prismatic]
+    speeds = [speed_noise_rad_s(joints, is_prismatic=own) for own in is_prismatic]
+    return Encoders(
+        rate_hz=rate_hz,
+        angle_noise_rad=np.where(by_speed, np.inf, angles),
+        speed_noise_rad_s=np.where(by_speed, speeds, np.inf),
+        start_sigma_rad=np.where(by_speed, joints.start_sigma_rad, np.inf),
     )

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-import pinocchio as pin
 from numpy.polynomial import legendre
 
 from hil.evidence.methods.cases import NODES, RATE_HZ, SENSOR_SETS, WINDOW_S, scenario_of, truth_of
@@ -68,11 +67,10 @@ def _row(
     w = sensors.R_BS @ s.w_NS_S_rad_s
     nu = np.concatenate((np.zeros(3), w, qd))
     held = np.concatenate((np.zeros(6), qdd))
-    robot.bias_derivative(q, nu, held, pi)  # makes pi the model's inertias
-    H = _mass_matrix(robot, q)
+    H = robot.derivatives(q, nu, held, pi)[2]
     a = -np.linalg.solve(H[:6, :6], (robot.regressor(q, nu, held) @ pi)[:6])
     full = np.concatenate((a, qdd))
-    C_w = robot.bias_derivative(q, nu, full, pi)[:, 3:6]
+    C_w = robot.derivatives(q, nu, full, pi)[1][:, 3:6]
     Y = robot.regressor(q, nu, full) @ robot.select
     N = -np.linalg.solve(H[:6, :6], H[:6, 6:])
     J_tau_w = Y[6:] - H[6:, :6] @ np.linalg.solve(H[:6, :6], Y[:6])
@@ -165,10 +163,3 @@ def _sensors(case: str, n: int) -> Sensors:
         p_BS_m=np.array(imu.p_BS_m),
         R_BS=rotation_of(imu.q_BS_xyzw),
     )
-
-
-def _mass_matrix(robot: FloatingRobot, q: FloatArray) -> FloatArray:
-    """Return H (6 + n, 6 + n) for the parameters of the last call of `bias_derivative`."""
-    full = np.concatenate((pin.neutral(robot.model)[:7], q))
-    upper = np.triu(pin.crba(robot.model, robot.data, full))
-    return np.asarray(upper + np.triu(upper, 1).T)

@@ -24,6 +24,7 @@ def outcome(mass_kg: float, nees: float, wrong: int = 0) -> dict[str, Any]:
         "estimate": {"target": {"mass_kg": mass_kg}},
         "sigma": {"target": {"mass_kg": 1.0}},
         "mass_sigma_to_crb_ratio": {"target": 1.2},
+        "mass_sigma_to_true_crb_ratio": {"target": 1.05},
         "nees": nees,
         "dof": 10,
         "valid": True,

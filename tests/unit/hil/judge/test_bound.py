@@ -20,6 +20,10 @@ SENSORS = Sensors(
 )
 
 
+def readings(s):
+    return np.concatenate((s.tau_nm, s.f_NS_S_m_s2, s.w_NS_S_rad_s))
+
+
 @pytest.fixture
 def truth(small_bodies):
     return np.concatenate([small_bodies["base"], small_bodies["target"]])
@@ -45,6 +49,28 @@ def test_jacobians_match_central_differences(small_robot, truth, state):
         columns.append((up - down) / (2 * step))
     J = np.concatenate((s.J_tau, s.J_gyro, s.J_acc))
     np.testing.assert_allclose(J, np.stack(columns, 1), atol=1e-8, rtol=1e-6)
+
+
+def test_derivatives_by_motion_match_central_differences(small_robot, truth, state):
+    robot = small_robot("base", "target")
+    s = sensitivity(robot, SENSORS, truth, *state)
+    motion, columns, step = np.concatenate(state), [], 1e-5
+    for unit in np.eye(9):
+        up, down = (
+            sensitivity(robot, SENSORS, truth, *np.split(motion + way * step * unit, 3))
+            for way in (1.0, -1.0)
+        )
+        columns.append((readings(up) - readings(down)) / (2 * step))
+    np.testing.assert_allclose(s.by_motion, np.stack(columns, 1), atol=1e-7, rtol=1e-6)
+
+
+def test_momentum_turns_the_whole_as_a_rigid_body(small_robot, truth, state):
+    """To first order a momentum adds the rate H^-1 L of the whole, its arm held."""
+    robot = small_robot("base", "target")
+    s = sensitivity(robot, SENSORS, truth, *state)
+    H_bb = (robot.mass_columns(state[0]) @ robot.stacked(truth))[:6]
+    rate = np.linalg.solve(H_bb, np.eye(6)[:, 3:])[3:]
+    np.testing.assert_allclose(s.by_momentum[6:], SENSORS.R_BS.T @ rate, rtol=1e-9)
 
 
 def test_predictions_match_forward_dynamics_with_a_moving_base(small_robot, truth, state):

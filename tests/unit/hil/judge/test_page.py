@@ -31,6 +31,7 @@ def outcome(bodies, **changes):
         "nees": 9.4,
         "dof": 10 * len(bodies),
         "mass_sigma_to_crb_ratio": dict.fromkeys(bodies, 1.1),
+        "mass_sigma_to_true_crb_ratio": dict.fromkeys(bodies, 1.04),
         "prior": {body: mapping_from(TRUTH * 1.5) for body in bodies},
         "samples": {"arm": {"received": 7, "lost": 1, "late": 0, "rejected": 0}},
         "windows": {"closed": 8},

@@ -56,6 +56,7 @@ def case(small_robot, small_bodies, swing):
         robot=robot,
         verification=Verification(robot, lambda t: swing(t)[:2], 6.0),
         bound_sigmas=bound_sigmas(robot, SENSORS, truth, priors, motion, 25.0),
+        true_bound_sigmas=bound_sigmas(robot, SENSORS, truth, priors, motion, 25.0),
     )
 
 
