@@ -74,8 +74,10 @@ def _noise_warnings(config: Config) -> Iterator[str]:
     for i, joint in enumerate(config.joints):
         walk = minute_walk(joint, rates_hz[joint.bus])
         if walk > LARGE_WALK_RAD:
+            (key,) = joint.named({"speed_noise_rad_s": None})
+            unit = "rad" if joint.kind == "revolute" else "m"
             yield (
-                f"joints.{i}.speed_noise_rad_s ({joint.name}): its angle walks {walk:.2g} rad in a "
+                f"joints.{i}.{key} ({joint.name}): its position walks {walk:.2g} {unit} in a "
                 f"minute; above {LARGE_WALK_RAD:g} sigmas come out too small"
             )
         if joint.bus in sampled:

@@ -131,8 +131,8 @@ def _units(config: Config) -> Iterator[Mistake]:
     for factor, found in ((1e-3, "1000 times too large"), (1e3, "1000 times too small")):
         if config.joints:
             yield Mistake(
-                text=f"joints: the torques are {found}; correct their unit (N m, mN m) where they "
-                "are imported",
+                text=f"joints: the torques are {found}; correct their unit (N m, mN m; of "
+                "prismatic joints N, mN) where they are imported",
                 change=partial(Trial.reread, torque=factor),
             )
     g = STANDARD_GRAVITY_M_S2
@@ -215,10 +215,16 @@ def _friction(config: Config) -> Iterator[Mistake]:
     bare = [k for k, j in enumerate(config.joints) if j.torque != "none" and not _rubs(config, k)]
     if bare:
         yield Mistake(
-            text="joints: friction that is not declared; set friction_coulomb_sigma_nm and "
-            "friction_viscous_sigma_nms_rad",
+            text="joints: friction that is not declared; set "
+            + " and ".join(_friction_keys(config)),
             change=partial(_with_friction, places=bare),
         )
+
+
+def _friction_keys(config: Config) -> list[str]:
+    """Return the keys of friction that the joints have in their configuration."""
+    values = dict.fromkeys(("friction_coulomb_sigma_nm", "friction_viscous_sigma_nms_rad"))
+    return list(dict.fromkeys(key for joint in config.joints for key in joint.named(values)))
 
 
 def _rubs(config: Config, k: int) -> bool:

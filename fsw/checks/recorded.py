@@ -20,6 +20,10 @@ DOUBLED = 1.5  # ratio of received to declared rate that the ends of a recording
 UNIT_RATIO = 1.3  # of a ratio of rates to a power of 1000 that shows another unit of time
 BEYOND = 0.05  # accepted share of samples of a source that are out of range
 JOINTS, IMU = "joints", "imu"  # sources of the status, beside the buses
+LIMITS = {  # keys of a joint's limits, and other units of readings, by its kind
+    "revolute": ("torque_limit_nm, speed_limit_rad_s", "mN m, degrees"),
+    "prismatic": ("force_limit_n, speed_limit_m_s", "mN, mm"),
+}
 WIDE = 3000.0  # factor on limits that accepts readings in any unit: 57, 1000
 WRONG = "WRONG: "
 MISSING = 0.2  # accepted share of samples without a torque
@@ -75,8 +79,8 @@ def data_findings(
 
 def range_findings(config: Config, counts: Mapping[str, Mapping[str, int]]) -> list[str]:
     """Return a line for each source of which many samples are beyond the configured limits."""
-    joints = "torque_limit_nm, speed_limit_rad_s of joints", "mN m, degrees"
-    limits = dict.fromkeys([JOINTS, *(bus.name for bus in config.buses)], joints)
+    limits = {bus.name: _joint_limits(config, bus.name) for bus in config.buses}
+    limits[JOINTS] = _joint_limits(config, None)
     limits[IMU] = "imu.max_rate_rad_s, imu.acc_range_g", "deg/s, g"
     return [
         f"{source}: {100 * share:.0f} % of its samples are rejected, beyond {keys}; are they in "
@@ -85,6 +89,13 @@ def range_findings(config: Config, counts: Mapping[str, Mapping[str, int]]) -> l
         if (own := counts.get(source)) is not None
         and (share := own["reject_range"] / max(own["received"], 1)) > BEYOND
     ]
+
+
+def _joint_limits(config: Config, bus: str | None) -> tuple[str, str]:
+    """Return the keys of the limits of a bus's joints (None: of all), and other units of them."""
+    kinds = {joint.kind for joint in config.joints if bus in (None, joint.bus)}
+    keys, units = zip(*(LIMITS[kind] for kind in LIMITS if kind in kinds or not kinds), strict=True)
+    return f"{', '.join(keys)} of joints", ", ".join(units)
 
 
 def with_wide_limits(config: Config) -> Config:
@@ -218,10 +229,14 @@ def sample_findings(config: Config, windows: Sequence[Window]) -> list[str]:
             )
         missing = float(np.mean(np.isnan(stream.values[:, 1])))
         if joint.torque != "none" and missing > MISSING:
+            ((key, limit),) = joint.named({"torque_limit_nm": joint.torque_limit_nm}).items()
+            what, units = (
+                ("force", "N, mN") if joint.kind == "prismatic" else ("torque", "N m, mN m")
+            )
             lines.append(
-                f"joints.{k} ({joint.name}): its torque is missing in {100 * missing:.0f} % of the "
-                f"samples; were values beyond torque_limit_nm {joint.torque_limit_nm:g} rejected "
-                "(look at their unit: N m, mN m), or frames shorter than described?"
+                f"joints.{k} ({joint.name}): its {what} is missing in {100 * missing:.0f} % of the "
+                f"samples; were values beyond {key} {limit:g} rejected "
+                f"(look at their unit: {units}), or frames shorter than described?"
             )
     return lines
 
@@ -239,8 +254,9 @@ def tracker_findings(config: Config, windows: Sequence[Window]) -> list[str]:
     R_NB = Rotation.from_quat(np.array(attitudes))
     q_BT = Rotation.from_quat(tracker.mounting.q_BS_xyzw)
     stamps = np.concatenate([window.attitude.t_ns for window in windows])
-    expected = np.diff([np.interp(stamps, t_ns, turns[:, axis]) for axis in range(3)]).T
-    if np.linalg.norm(expected, axis=1).max() < TURNED_RAD:
+    follows = _follow(windows)
+    expected = np.diff([np.interp(stamps, t_ns, turns[:, axis]) for axis in range(3)]).T[follows]
+    if not len(expected) or np.linalg.norm(expected, axis=1).max() < TURNED_RAD:
         return []
     ways = {
         "": R_NB,
@@ -250,7 +266,7 @@ def tracker_findings(config: Config, windows: Sequence[Window]) -> list[str]:
         * q_BT
         * q_BT,
     }
-    left = {words: _misfit(turned, expected) for words, turned in ways.items()}
+    left = {words: _misfit(turned, follows, expected) for words, turned in ways.items()}
     best = min(left, key=lambda words: left[words])
     right = not best or left[best] > SENSE_RATIO * left[""]
     if not right:
@@ -275,6 +291,13 @@ def _turns(windows: Sequence[Window], R_BS: Rotation) -> tuple[FloatArray, Float
     return t_ns.astype(np.float64), np.cumsum(rates * steps[:, None], axis=0)
 
 
-def _misfit(R_NB: Rotation, expected: FloatArray) -> float:
-    turns = (R_NB[:-1].inv() * R_NB[1:]).as_rotvec()
+def _follow(windows: Sequence[Window]) -> NDArray[np.bool_]:
+    """Return whether no window is missing between two successive solutions of the tracker."""
+    gaps = np.diff([window.index for window in windows], prepend=windows[0].index) > 1
+    stretch = np.repeat(np.cumsum(gaps), [len(window.attitude.t_ns) for window in windows])
+    return np.asarray(stretch[1:] == stretch[:-1], np.bool_)
+
+
+def _misfit(R_NB: Rotation, follows: NDArray[np.bool_], expected: FloatArray) -> float:
+    turns = (R_NB[:-1].inv() * R_NB[1:]).as_rotvec()[follows]
     return float(np.sqrt(np.mean(np.sum((turns - expected) ** 2, axis=1))))

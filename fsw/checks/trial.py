@@ -291,6 +291,8 @@ def make_trial(
 def _head(windows: Sequence[Window], place: int) -> int:
     """Return the nearest window up to `place` that has an attitude, at most LEADS before it."""
     for k in range(place, max(-1, place - LEADS - 1), -1):
+        if windows[place].index - windows[k].index > place - k:  # windows between them are missing
+            break
         if len(windows[k].attitude.t_ns):
             return k
     return place
@@ -341,13 +343,13 @@ def fitted(
     nothing = Fit(level=float("inf"), rows=1, mean=problem.prior_mean)
     if not blocks:
         return nothing
-    target = Target(Linearisation(row_function("fused", "eiv", problem), blocks))
+    linear = Linearisation(row_function("fused", "eiv", problem), blocks)
     try:
         with np.errstate(all="ignore"):
-            solution = minimise(problem, target, max_iterations=iterations, plain=plain)
+            solution = minimise(problem, Target(linear), max_iterations=iterations, plain=plain)
+            rows = max(1, sum(len(own.b) for own in linear(solution.mean)))
     except NUMERICAL:
         return nothing
-    rows = max(solution.rows, 1)
     fit = Fit(
         level=solution.cost / rows,
         rows=rows,

@@ -22,7 +22,7 @@ from fsw.commands.replay_result import ReplayResult
 from fsw.commands.span import WHOLE, Span
 from fsw.commands.stamp_checks import stamp_findings
 from fsw.commands.unused import unused_sensors
-from fsw.commands.watching import Watching
+from fsw.commands.watching import MOST_KEPT, Watching
 from fsw.config import Config
 from fsw.estimators.model.building import joint_order
 from fsw.estimators.model.problem import Problem
@@ -133,7 +133,8 @@ def _read(
     nodes: Nodes | None,
 ) -> tuple[ReplayResult, Watching]:
     """Replay a recording without estimating; return the result, and its windows and blocks."""
-    watching = Watching(config, joint_order(config, problem.model), alone=True)
+    order = joint_order(config, problem.model)
+    watching = Watching(config, order, alone=True, most=MOST_KEPT)
     pipeline = Pipeline(conditioner=watching, estimator=build_online(config, problem.model))
     result = replay(
         recording, config, pipeline=pipeline, span=span, traffic=nodes, progress=progress

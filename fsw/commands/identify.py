@@ -1,6 +1,6 @@
 """Batch identification of a recording: a replay makes the blocks, then one batch method runs."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from fsw.commands.replay_result import ReplayResult, in_words, known_by, with_si
 from fsw.commands.report.collect import Collector
 from fsw.commands.span import WHOLE, Span
 from fsw.commands.unused import missed, unused_sensors
-from fsw.commands.watching import Watching
+from fsw.commands.watching import MOST_KEPT, Watching
 from fsw.config import Config
 from fsw.errors import EstimatorError
 from fsw.estimators.batch.run import run_batch
@@ -96,10 +96,10 @@ def identify(
         if not empty.blocks:
             raise EstimatorError("--reference: no window in this recording")
     state: list[tuple[Problem, FloatArray, FloatArray]] = []
-    rows: list[Sequence[Rows]] = []
+    rows: list[Collection[Rows]] = []
 
     def keep(
-        problem: Problem, x: FloatArray, covariance: FloatArray, fused: Sequence[Rows]
+        problem: Problem, x: FloatArray, covariance: FloatArray, fused: Collection[Rows]
     ) -> None:
         state.append((problem, x, covariance))
         rows.append(fused)
@@ -165,7 +165,7 @@ def _read(
     """
     nodes = Nodes(config)
     model = robot_of(config)
-    watching = Watching(config, joint_order(config, model))
+    watching = Watching(config, joint_order(config, model), most=MOST_KEPT)
     result = replay(
         recording,
         config,
@@ -200,7 +200,7 @@ def noise_text(result: Mapping[str, Any]) -> list[str]:
     torques = result.get("torque_noise", ())
     others = (*result.get("wrench_noise", ()), *result.get("inertial_noise", ()))
     found = [
-        *((f"torque noise of {s['joint']}: {s['sigma_nm']:.3g} N m", s) for s in torques),
+        *((_torque_noise(s), s) for s in torques),
         *((f"noise of the {s['channel']}: {s['sigma']:.3g} {s['unit']}", s) for s in others),
     ]
     return [
@@ -209,6 +209,13 @@ def noise_text(result: Mapping[str, Any]) -> list[str]:
         for words, s in found
         if s["correlation_s"] > 0.0
     ]
+
+
+def _torque_noise(noise: Mapping[str, Any]) -> str:
+    """Return joint and 1 sigma of a torque, or of a prismatic joint's force."""
+    if "sigma_n" in noise:
+        return f"force noise of {noise['joint']}: {noise['sigma_n']:.3g} N"
+    return f"torque noise of {noise['joint']}: {noise['sigma_nm']:.3g} N m"
 
 
 def to_text(result: Mapping[str, Any]) -> str:

@@ -12,6 +12,7 @@ from fsw.estimators.measurement.block_stack import BlockStack, stacks_of
 from fsw.estimators.measurement.fused import predict
 from fsw.estimators.measurement.impulse import Impulse
 from fsw.estimators.measurement.motion_noise import residual_covariance
+from fsw.estimators.measurement.row_functions import MOST_BLOCKS
 from fsw.estimators.model.problem import Problem
 from fsw.messages import Block, FloatArray
 
@@ -57,9 +58,11 @@ def channel_residuals(
     torques = problem.model.torque_units
     parts: list[tuple[FloatArray, FloatArray]] = []
     before: Impulse | None = None
-    for stack in stacks_of(with_noise_found(problem, blocks)[0]):
-        value, sigma, before = _stacked(stack, x, problem, covariance, before)
-        parts.append((value, sigma))
+    noisy, _ = with_noise_found(problem, blocks)
+    for first in range(0, len(noisy), MOST_BLOCKS):
+        for stack in stacks_of(noisy[first : first + MOST_BLOCKS]):
+            value, sigma, before = _stacked(stack, x, problem, covariance, before)
+            parts.append((value, sigma))
     sensors = [(f"{name}.{axis}", unit) for (name, unit), axis in product(SENSORS, "xyz")]
     return ChannelResiduals(
         names=(*(f"torque.{name}" for name in torques), *(name for name, _ in sensors)),

@@ -16,8 +16,9 @@ Source: Rao, Linear Statistical Inference (1973), 6e; Nyblom, J. Am. Stat. Assoc
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 
@@ -27,6 +28,7 @@ from fsw.messages.false_alarms import sigmas
 
 ONSETS = (0.0, 0.2, 0.4, 0.6, 0.8)  # of the ramps, as shares of the blocks
 LEAST_BLOCKS = 8
+GROUP = 512  # blocks whose products are in memory at once
 LEAST_OWN = 1e-4  # least share of a column's variance that the states leave to it
 NOTICED = sigmas("creep", sides=2)  # at which sigma follows a change that shows
 REFUSED = sigmas("drift", sides=2)  # at which a change that does harm is a mismatch
@@ -98,7 +100,8 @@ def worst_change(changes: Iterable[Creep]) -> Creep | None:
 
 def changes(
     problem: Problem,
-    scores: Sequence[Scores],
+    scores: Iterable[Scores],
+    count: int,
     x: FloatArray,
     covariance: FloatArray,
     level: float,
@@ -107,18 +110,14 @@ def changes(
 
     Parameters
     ----------
+    scores, count : of the blocks, and their number
     covariance : (p, p) of the estimate if the residuals are white
     level : variance of the noise over the declared one
     """
-    count = len(scores)
     if count < LEAST_BLOCKS or problem.watched is None:
         return
-    GA = np.array([one.GA for one in scores]) / level
-    GG = np.array([one.GG for one in scores]) / level
-    score = np.array([one.Gc for one in scores]) / level - GA @ x
     ramps = [np.maximum(np.arange(count) / count - onset, 0.0) for onset in ONSETS]
-    w = np.array([np.ones(count), *ramps])
-    C, s, whole = np.tensordot(w, GA, 1), w @ score, w**2 @ GG
+    C, s, whole = _sums(scores, np.array([np.ones(count), *ramps]), x, level)
     v = whole - np.sum((C @ covariance) * C, axis=2)
     shows = v > LEAST_OWN * whole
     shows[0] &= [name not in problem.names for name in problem.watched.names]
@@ -133,6 +132,24 @@ def changes(
             moved=moved,
             harm=float(np.max(np.abs(moved[problem.bodies]) / sigma)),
         )
+
+
+def _sums(
+    scores: Iterable[Scores], weights: FloatArray, x: FloatArray, level: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return C (c, q, p), s (c, q) and sum w^2 diag(G^T G) (c, q) for c courses (c, blocks)."""
+    totals: list[FloatArray] = []
+    every, first = iter(scores), 0
+    while group := list(islice(every, GROUP)):
+        w = weights[:, first : first + len(group)]
+        first += len(group)
+        GA = np.array([one.GA for one in group]) / level
+        GG = np.array([one.GG for one in group]) / level
+        score = np.array([one.Gc for one in group]) / level - GA @ x
+        sums = [np.tensordot(w, GA, 1), w @ score, w**2 @ GG]
+        totals = [a + b for a, b in zip(totals, sums, strict=True)] if totals else sums
+    C, s, whole = totals
+    return C, s, whole
 
 
 def _share(sigmas: float) -> float:

@@ -22,7 +22,7 @@ Source: Newey, West, Econometrica 55 (1987) 703; Priestley, Spectral Analysis an
 (1981), 6.2.3 (Parzen's window) and table 6.2 (its equivalent degrees of freedom).
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -129,7 +129,7 @@ def widened(covariance: FloatArray, excess: FloatArray) -> FloatArray:
     return np.asarray(covariance + 0.5 * (grown + grown.T), np.float64)
 
 
-def unexplained(rows: Sequence[Rows], blocks: Sequence[Block], nodes: int) -> float:
+def unexplained(rows: Collection[Rows], blocks: Sequence[Block], nodes: int) -> float:
     """Return the rms of the residual torques over that of the torques about their mean.
 
     Forces and moments of a wrench sensor are judged apart from the joints' torques, which may be

@@ -160,11 +160,11 @@ class SensorNoise:
             {"channel": name, "unit": unit} | asdict(noise)
             for name, unit, noise in self._named(units)
         ]
-        torque = [
-            {"joint": own["channel"], "declared_nm": own["declared"], "sigma_nm": own["sigma"]}
-            | {key: own[key] for key in SHARED}
-            for own in found[:joints]
-        ]
+        torque = []
+        for own in found[:joints]:
+            unit = "n" if own["unit"] == "N" else "nm"  # of a prismatic joint
+            sizes = {f"declared_{unit}": own["declared"], f"sigma_{unit}": own["sigma"]}
+            torque.append({"joint": own["channel"], **sizes, **{key: own[key] for key in SHARED}})
         wrench, inertial = found[joints : len(units)], found[len(units) :]
         return {"torque_noise": torque, "wrench_noise": wrench, "inertial_noise": inertial}
 

@@ -1,6 +1,6 @@
 """Diagnosis of a batch estimate against the bound of all sensors, with residuals and verdicts."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from fsw.messages import Block, BodyEstimate, FloatArray
 
 def diagnose_batch(
     problem: Problem,
-    fused: Sequence[Rows],
+    fused: Collection[Rows],
     residuals: Sequence[FloatArray],
     blocks: Sequence[Block],
     mean: FloatArray,

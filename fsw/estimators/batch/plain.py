@@ -45,7 +45,6 @@ class BatchSolution:
     information: SquareRootInformation
     iterations: int
     cost: float  # sum of squared whitened residuals, prior included
-    rows: int
     note: str = ""  # what runs away: a body from the possible ones, or the state that still moves
 
 
@@ -194,7 +193,6 @@ def _solution(
         information=prior.at(x).update(A, b + A @ x),
         iterations=iterations,
         cost=cost_of(prior, x, b),
-        rows=len(b),
         note=note,
     )
 

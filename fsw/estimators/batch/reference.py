@@ -8,7 +8,7 @@ momentum and wrenches differ from run to run, so the reference gives no prior of
 depends on the gears' temperature: what the reference shows of it is uncertain by its drift.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +20,8 @@ from fsw.estimators.measurement.row_functions import Linearisation, row_function
 from fsw.estimators.model.problem import IMPLAUSIBLE, IndexArray, Problem
 from fsw.estimators.model.state_groups import GROUPS, group_of
 from fsw.messages import Block, FloatArray
+
+TORQUE_MODEL = "torque_model_sigma_nm"
 
 
 def without_bodies(problem: Problem) -> Problem:
@@ -81,7 +83,7 @@ def _drift(problem: Problem) -> FloatArray:
     return np.array([0.0 if group is None else group.drift for group in groups])
 
 
-def _remedy(problem: Problem, rows: Sequence[Rows]) -> str:
+def _remedy(problem: Problem, rows: Collection[Rows]) -> str:
     """Return which torque fits worst, by how much, and what to declare; empty: no torque is off."""
     n = problem.model.n
     whole = [(one.b, one.root) for one in rows if one.root is not None and one.torques >= n > 0]
@@ -91,9 +93,10 @@ def _remedy(problem: Problem, rows: Sequence[Rows]) -> str:
     left = [(root @ b).reshape(problem.nodes, -1)[:, :n] for b, root in whole]
     k = int(np.argmax(np.mean(white**2, axis=0)))
     rms_nm = float(np.sqrt(np.mean(np.concatenate(left)[:, k] ** 2)))
-    name = problem.model.joint_names[k]
+    name, unit = list(problem.model.torque_units.items())[k]
+    what, key = ("force", "force_model_sigma_n") if unit == "N" else ("torque", TORQUE_MODEL)
     return (
-        f"; the torque of {name} fits worst: residuals of {rms_nm:.2g} N m, "
+        f"; the {what} of {name} fits worst: residuals of {rms_nm:.2g} {unit}, "
         f"{np.sqrt(np.mean(white[:, k] ** 2)):.2g} times the declared noise; if the arm is empty, "
-        f"declare torque_model_sigma_nm: {rms_nm:.2g} there, or its friction"
+        f"declare {key}: {rms_nm:.2g} there, or its friction"
     )

@@ -8,7 +8,7 @@ they drift, the model does not fit. Every reason against the result is kept. The
 are compared with the errors in variables on the same blocks, and their sigma includes the distance.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -49,7 +49,7 @@ from fsw.estimators.sensor_noise import SensorNoise
 from fsw.messages import Block, BodyEstimate, FloatArray
 
 # problem, mean (p,), covariance (p, p), fused rows of the blocks used at the mean
-Keep = Callable[[Problem, FloatArray, FloatArray, Sequence[Rows]], None]
+Keep = Callable[[Problem, FloatArray, FloatArray, Collection[Rows]], None]
 # the same but the rows; returns what contradicts the estimate, empty: nothing
 Predict = Callable[[Problem, FloatArray, FloatArray], str]
 CURVED = ("cm", "ce")  # methods whose likelihood is curved along the bodies' common scale
@@ -167,6 +167,7 @@ def _run(
         found = _regression(problem, weighting, sound, settings.gate_probability, progress)
     problem = found.problem
     covariance = found.covariance + problem.liquid
+    fused: Collection[Rows]
     try:
         fused = stack(row_function("fused", "eiv", problem), found.used, found.mean)
     except ValueError:  # LinAlgError: no inertia at the estimate
@@ -196,7 +197,7 @@ def _run(
         "note": "; ".join(filter(None, (unpredicted, found.note))),
         "iterations": found.solution.iterations,
         "cost": found.solution.cost,
-        "rows": found.solution.rows,
+        "rows": sum(map(len, found.residuals)),
         "gated": len(blocks) - len(found.used),
         "condition_number": condition,
         "duration_s": len(found.used) * config.estimator.window_s,
@@ -365,7 +366,7 @@ def _regression(
         solution=solution,
         failed=failed,
         mean=mean,
-        residuals=[part.b for part in linear(mean)],
+        residuals=[part.b.copy() for part in linear(mean)],
         covariance=near.covariance + np.outer(bias, bias),
         note=BIAS_NOTES[weighting],
         biased=True,

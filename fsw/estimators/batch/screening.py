@@ -5,7 +5,7 @@ If the batch fits, and every channel of every block is below half of the recursi
 is to be left out. The recursion, which takes longer than the batch, then need not run.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -31,7 +31,7 @@ def fits_throughout(
     problem: Problem,
     x: FloatArray,
     covariance: FloatArray,
-    fused: Sequence[Rows],
+    fused: Collection[Rows],
 ) -> bool:
     """Return whether every channel of every block fits a batch result of these blocks.
 

@@ -63,7 +63,7 @@ def settle(
         used, fitted = list(compress(blocks, fits)), fits
         target = Target(linear, fits, noise.variance)
         solution = minimise(problem, target, progress, start)
-        residuals = [part.b for part in linear(solution.mean)]
+        residuals = [part.b.copy() for part in linear(solution.mean)]
         left = list(compress(residuals, fits))
         if solution.status == "ABORTED":
             break
@@ -84,13 +84,14 @@ def settle(
         A, b = Target(linear, fitted, noise.variance)(solution.mean)
         white = problem.prior.at(solution.mean).update(A, b + A @ solution.mean).covariance()
     if solution.status != "ABORTED":
-        rows = list(compress(linear(solution.mean), fitted))
+        rows = linear(solution.mean, fitted)
         trust.judge(problem, rows, used, level, white, noise.doubt)
         if watch is not None:
-            seen = list(compress(watch(solution.mean), fitted))
-            scores = [Scores.of(s.A, s.b, s.watched) for s in seen if s.watched is not None]
+            seen = watch(solution.mean, fitted)
+            scores = (Scores.of(s.A, s.b, s.watched) for s in seen if s.watched is not None)
             origin = np.zeros_like(solution.mean)
-            trust.watch(worst_change(changes(problem, scores, origin, white, level)))
+            found = changes(problem, scores, len(seen), origin, white, level)
+            trust.watch(worst_change(found))
     covariance = trust.widened(white, len(left))
     alike = in_words(white, covariance, problem.names[: problem.bodies.stop]) * trust.alike
     no_body = solution.note * (solution.status not in ("NOT_CONVERGED", "ABORTED"))

@@ -56,11 +56,25 @@ class Target:
         self._linear, self._fits, self._weight = linear, fits, level**-0.5
 
     def __call__(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return A (k, p) and b (k,) of all rows."""
-        parts = self._linear(x)
-        used = parts if self._fits is None else list(compress(parts, self._fits))
-        A, b = np.vstack([part.A for part in used]), np.concatenate([part.b for part in used])
+        """Return A (k, p) and b (k,) of all rows; of a long linearisation `reduced` ones."""
+        first, found = 0, list[tuple[FloatArray, FloatArray]]()
+        for part in self._linear.parts(x):
+            fits = None if self._fits is None else self._fits[first : first + len(part)]
+            first += len(part)
+            used = part if fits is None else list(compress(part, fits))
+            if used:
+                found.append((np.vstack([r.A for r in used]), np.concatenate([r.b for r in used])))
+            if len(found) > 1:
+                found = [reduced(*found)]
+        ((A, b),) = found
         return (A, b) if self._weight == 1.0 else (self._weight * A, self._weight * b)
+
+
+def reduced(*rows: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray]:
+    """Return at most p + 1 rows with the same A^T A, A^T b and b^T b, by orthogonal rotations."""
+    stacked = np.vstack([np.column_stack(own) for own in rows])
+    R = np.asarray(np.linalg.qr(stacked, mode="r"), np.float64)
+    return R[:, :-1], R[:, -1]
 
 
 def solve(
@@ -168,7 +182,6 @@ def _damped(
         information=information,
         iterations=iterations,
         cost=cost,
-        rows=len(b),
         note=_note(problem, away, status, x - before, information),
     )
 
@@ -222,7 +235,6 @@ def regress(problem: Problem, target: Target) -> BatchSolution:
         information=prior.update(A, b + A @ x),
         iterations=iterations,
         cost=cost_of(problem.prior, x, b),
-        rows=len(b),
     )
 
 

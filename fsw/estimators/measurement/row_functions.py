@@ -1,9 +1,9 @@
 """The methods as row functions, which the recursive and the batch solution share."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
-from itertools import groupby
+from itertools import chain, compress, groupby
 
 import numpy as np
 
@@ -17,6 +17,8 @@ from fsw.estimators.measurement.prediction import CHANNELS, Rate
 from fsw.estimators.model.problem import Problem, Watched, present
 from fsw.estimators.valves import changes
 from fsw.messages import Block, FloatArray
+
+MOST_BLOCKS = 512  # whose rows are in memory at once: 3 min at 0.4 s, some 100 MB
 
 
 class RowsFunction(ABC):
@@ -32,24 +34,75 @@ class RowsFunction(ABC):
 
 
 class Linearisation:
-    """The rows of many blocks as a function of the state; those of the last state are kept."""
+    """The rows of many blocks as a function of the state.
+
+    Rows need a hundred times the memory of their block. Those of at most MOST_BLOCKS blocks are
+    kept for the last state; those of more blocks are computed part by part in every pass.
+    """
 
     def __init__(self, rows: RowsFunction, blocks: Sequence[Block]) -> None:
-        self._rows = rows
-        self._stacks = stacks_of(blocks)
+        self._rows, self._blocks = rows, blocks
+        self._is_long = len(blocks) > MOST_BLOCKS
+        self._stacks = [] if self._is_long else stacks_of(blocks)
         self._x: FloatArray | None = None
         self._found: list[Rows] = []
 
-    def __call__(self, x: FloatArray) -> list[Rows]:
-        """Return the rows of every block, momentum carried from block to block."""
+    def __len__(self) -> int:
+        """Return the number of blocks."""
+        return len(self._blocks)
+
+    def __call__(self, x: FloatArray, fits: Sequence[bool] | None = None) -> Collection[Rows]:
+        """Return the rows of the blocks for which `fits` holds (None: all), as `parts` does."""
+        if self._is_long:
+            return _Passes(self, x, fits)
+        found = self._kept(x)
+        return found if fits is None else list(compress(found, fits))
+
+    def parts(self, x: FloatArray) -> Iterator[list[Rows]]:
+        """Yield the rows of at most MOST_BLOCKS blocks, momentum carried from block to block."""
+        if not self._is_long:
+            yield self._kept(x)
+            return
+        before: Impulse | None = None
+        for first in range(0, len(self._blocks), MOST_BLOCKS):
+            stacks = stacks_of(self._blocks[first : first + MOST_BLOCKS])
+            found, before = self._linearised(stacks, x, before)
+            yield found
+
+    def _kept(self, x: FloatArray) -> list[Rows]:
         if self._x is None or self._x.tobytes() != x.tobytes():
-            self._x, found = None, list[Rows]()
-            before: Impulse | None = None
-            for s in self._stacks:
-                found += self._rows.stacked(s, x, before)
-                before = found[-1].after
-            self._x, self._found = x.copy(), found
+            self._x = None
+            self._found, _ = self._linearised(self._stacks, x, None)
+            self._x = x.copy()
         return self._found
+
+    def _linearised(
+        self, stacks: Sequence[BlockStack], x: FloatArray, before: Impulse | None
+    ) -> tuple[list[Rows], Impulse | None]:
+        """Return the rows of stacks, and the momentum gained after them."""
+        found = list[Rows]()
+        for s in stacks:
+            found += self._rows.stacked(s, x, before)
+            before = found[-1].after
+        return found, before
+
+
+class _Passes(Collection[Rows]):
+    """The rows of a long linearisation at a state; each iteration computes them anew."""
+
+    def __init__(self, linear: Linearisation, x: FloatArray, fits: Sequence[bool] | None) -> None:
+        self._linear, self._x = linear, x.copy()
+        self._fits = [True] * len(linear) if fits is None else list(fits)
+
+    def __len__(self) -> int:
+        return sum(self._fits)
+
+    def __iter__(self) -> Iterator[Rows]:
+        every = chain.from_iterable(self._linear.parts(self._x))
+        return compress(every, self._fits)
+
+    def __contains__(self, rows: object) -> bool:
+        return any(own is rows for own in self)
 
 
 def usable_rows(
@@ -64,7 +117,7 @@ def usable_rows(
     return made if np.all(np.isfinite(made.A)) and np.all(np.isfinite(made.b)) else None
 
 
-def stack(rows: RowsFunction, blocks: Sequence[Block], x: FloatArray) -> list[Rows]:
+def stack(rows: RowsFunction, blocks: Sequence[Block], x: FloatArray) -> Collection[Rows]:
     """Return the whitened rows of every block at a state, momentum carried from block to block."""
     return Linearisation(rows, blocks)(x)
 

@@ -501,7 +501,8 @@ class Recursion:
             return
         memory, level = self.memory, self.monitor.level
         white = memory.tempered(level).covariance()
-        found = changes(self.problem, memory.scores(), self.x, white, level)
+        scores = memory.scores()
+        found = changes(self.problem, scores, len(scores), self.x, white, level)
         known = self.trust.creeping
         self.trust.watch(worst_change(found))
         if self.trust.creeping and not known:

@@ -7,7 +7,7 @@ the re-opening, or if the last re-opening was not long ago, the new estimate mus
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -87,7 +87,7 @@ class Trust:
     def judge(
         self,
         problem: Problem,
-        rows: Sequence[Rows],
+        rows: Collection[Rows],
         blocks: Sequence[Block],
         level: float,
         white: FloatArray,
@@ -101,13 +101,14 @@ class Trust:
         white : (p, p) covariance of the estimate if the residuals are white
         doubt : factor on the noise's variance in `white`, because few windows have shown it
         """
-        residuals, nodes, is_free = [one.b for one in rows], problem.nodes, problem.is_free
-        torques = [one.torques for one in rows]
+        nodes, is_free = problem.nodes, problem.is_free
+        parts = [(one.b.copy(), one.torques) for one in rows]
+        residuals, torques = [b for b, _ in parts], [count for _, count in parts]
         besides = besides_torques(residuals, torques, nodes, is_free=is_free)
         self.unexplained = float("inf") if is_free else unexplained(rows, blocks, nodes)
-        A = [doubt**-0.5 * one.A for one in rows]
 
         def cost(*, repeats: bool) -> Likeness:
+            A = [doubt**-0.5 * one.A for one in rows]
             return likeness(A, residuals, white, level, nodes, repeats=repeats)
 
         self.learn(residuals, level, besides, cost, few=doubt > 1.0)

@@ -5,7 +5,7 @@ other states (wheel inertias, forces, delays, modes, momentum, offsets, biases) 
 with their priors. A window with an unreported action has no information; a new momentum follows.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping
 from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -51,7 +51,7 @@ def information_of(name: str, config: Config) -> FloatArray:
     spans = [_span(scenario, block, problem.window_s) for block in blocks]
     found: list[FloatArray] = []
 
-    def keep(_p: Problem, mean: FloatArray, _c: FloatArray, _rows: Sequence[Rows]) -> None:
+    def keep(_p: Problem, mean: FloatArray, _c: FloatArray, _rows: Collection[Rows]) -> None:
         found.append(mean)
 
     before = [block for block, span in zip(blocks, spans, strict=True) if span == 0]

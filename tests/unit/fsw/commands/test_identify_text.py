@@ -13,3 +13,10 @@ def test_a_sensor_with_correlated_noise_has_a_line_and_a_white_one_none():
         "noise of the gyro: 0.0001 rad/s, correlated over 10 ms; 32400 samples count as 1561",
     ]
     assert noise_text({}) == []
+
+
+def test_the_noise_of_a_prismatic_joint_is_that_of_a_force():
+    noise = {"samples": 100, "effective_samples": 10.0, "joint": "rail", "correlation_s": 0.02}
+    assert noise_text({"torque_noise": [noise | {"sigma_n": 1.5}]}) == [
+        "force noise of rail: 1.5 N, correlated over 20 ms; 100 samples count as 10"
+    ]

@@ -35,7 +35,7 @@ def judged(G: np.ndarray, y: np.ndarray) -> list[Creep]:
     """Return the changes that the residuals of a fit show."""
     x, P = fitted(G, y)
     scores = [Scores.of(g[:, :STATES], c, g) for g, c in zip(G, y, strict=True)]
-    return list(changes(problem(), scores, x, P, 1.0))
+    return list(changes(problem(), scores, len(scores), x, P, 1.0))
 
 
 def shown(found: list[Creep], onset: float | None) -> Creep:
@@ -95,7 +95,10 @@ def test_sigma_follows_a_change_and_not_chance() -> None:
 def test_few_blocks_show_nothing() -> None:
     G = columns(np.random.default_rng(8))[:4]
     scores = [Scores.of(g[:, :STATES], 100.0 * g[:, 4], g) for g in G]
-    assert worst_change(changes(problem(), scores, np.zeros(STATES), np.eye(STATES), 1.0)) is None
+    assert (
+        worst_change(changes(problem(), scores, len(scores), np.zeros(STATES), np.eye(STATES), 1.0))
+        is None
+    )
 
 
 def test_the_worst_change_moves_a_body_most_beyond_what_noise_explains() -> None:
