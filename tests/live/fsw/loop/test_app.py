@@ -351,3 +351,18 @@ def test_a_service_that_ends_too_often_is_said_and_the_daemon_ends_with_1(run: R
     run.process.send_signal(signal.SIGTERM)
     assert run.process.wait(PATIENCE_S) == 1
     assert "too often: nothing is recorded until the next attempt" in run.errors.read_text()
+
+
+def test_a_loop_that_waits_for_the_estimation_to_end_is_not_silent(run: Run):
+    run.wait_status(running=True)
+    estimation = child(run.process.pid, "estimation")
+    os.kill(estimation, signal.SIGSTOP)
+    run.process.send_signal(signal.SIGTERM)
+    path, seen = run.state / "status.json", set[int]()
+    began = time.monotonic()
+    while len(seen) < 5 and run.process.poll() is None and time.monotonic() - began < PATIENCE_S:
+        seen.add(json.loads(path.read_text())["t_ns"])
+        time.sleep(0.1)
+    os.kill(estimation, signal.SIGCONT)
+    assert run.process.wait(PATIENCE_S) == 0
+    assert len(seen) == 5
