@@ -24,7 +24,7 @@ from fsw.scheduler.tasks import is_due
 WATCHES_PER_S = 10  # looks at the other processes
 RESTART_EXIT = 75  # exit code: the caller must start the daemon again
 SERVICE_WAIT_S = 20.0  # for the service to write its remaining data
-SETTLE_WAIT_S = 20.0  # for the estimation to process its remaining traffic
+SETTLE_WAIT_S = 20  # for the estimation to process its remaining traffic
 P = TypeVar("P", FramePort, BytePort)
 
 
@@ -142,7 +142,7 @@ def run_live(config: Config, *, cold: bool = False) -> int:
     drive(turn, duties, lambda: stop.received or loop.stop_requested)
     notifier.send("STOPPING=1")
     loop.finish()
-    processes.settle(SETTLE_WAIT_S)
+    processes.settle(SETTLE_WAIT_S, loop.report)
     loop.close()
     ended = processes.service.wait(SERVICE_WAIT_S)
     guard.close()

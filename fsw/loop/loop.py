@@ -92,12 +92,17 @@ class Loop:
         self._inputs.drain()
         self._hand_over_whole(self._clock.now_ns(), self.executive.slips.ticks)
 
+    def report(self) -> None:
+        """Put the loop's counters into the sink, between ticks."""
+        now_ns = self._clock.now_ns()
+        self._sink.put(StatusReport(now_ns, self.status(now_ns)))
+
     def close(self) -> None:
         """Report the end and release the ports; called after the estimation has ended."""
         now_ns = self._clock.now_ns()
         text = f"stopped after {self.executive.slips.ticks} ticks"
         self._sink.put(Event(now_ns, "info", "STOPPED", text))
-        self._sink.put(StatusReport(now_ns, self.status(now_ns)))
+        self.report()
         self._inputs.close()
         self._sink.close()
 

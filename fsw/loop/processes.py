@@ -4,6 +4,7 @@ import fcntl
 import os
 import subprocess
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from fsw.clock import Clock
@@ -133,10 +134,13 @@ class Child:
 
     def wait(self, timeout_s: float) -> bool:
         """Wait at most `timeout_s` [s] for the end; return whether the process ended in order."""
-        try:
-            return self._process.wait(timeout_s) == 0
-        except subprocess.TimeoutExpired:
-            return False
+        return self.has_ended(timeout_s) and self._process.returncode == 0
+
+    def has_ended(self, timeout_s: float) -> bool:
+        """Wait at most `timeout_s` [s] for the end; return whether the process has ended."""
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(timeout_s)
+        return self._process.returncode is not None
 
     def summary(self) -> dict[str, object]:
         """Return whether the process is at work, and how often it has ended, as plain values."""
@@ -261,8 +265,16 @@ class Processes:
             self._to_service.put(Event(self._clock.now_ns(), "high", "ESTIMATION_DROPS", text))
         self._told_lost = lost
 
-    def settle(self, timeout_s: float) -> None:
-        """Let the estimation process its remaining traffic and end; kill it after `timeout_s`."""
+    def settle(self, seconds: int, report: Callable[[], None]) -> None:
+        """Let the estimation process its remaining traffic and end; kill it after `seconds`.
+
+        `report` is called each second, so that nobody takes the loop for dead.
+        """
         self._to_estimation.close()
-        if not self.estimation.gave_up and not self.estimation.wait(timeout_s):
-            self.estimation.kill()
+        if self.estimation.gave_up:
+            return
+        for _ in range(seconds):
+            if self.estimation.has_ended(1.0):
+                return
+            report()
+        self.estimation.kill()
