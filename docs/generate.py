@@ -1,6 +1,6 @@
 """Hook of MkDocs: pages made from the code, and equations as MathML, which needs no script.
 
-Commands come from the argument parsers, configuration keys from the JSON Schema, scenarios from
+Commands come from the argument parsers, configuration keys from their declarations, scenarios from
 their models, telemetry from its dictionary: the file of such a page says how to print it, and the
 site has it whole. The page of figures is a file, made of `evidence.yaml` by `python
 docs/generate.py`; a test compares the two.
@@ -29,6 +29,8 @@ EVIDENCE = ROOT / "docs" / "evidence.md"
 OUTSIDE = {"contributing.md": "CONTRIBUTING.md", "changelog.md": "CHANGELOG.md"}
 CODE = re.compile(r"(^```.*?^```|`[^`\n]+`)", re.MULTILINE | re.DOTALL)
 EQUATION = re.compile(r"\$\$(.+?)\$\$|(?<![\w\\$])\$([^\s$](?:[^$\n]*[^\s$])?)\$(?!\w)", re.DOTALL)
+CONFIGURATION = "configuration.md"
+KEYS_HEAD = ("| key | values | default | meaning |", "|---|---|---|---|")
 EVIDENCE_START = """# Evidence
 
 For anyone who wants to check a claim. Made of `evidence.yaml` by `python docs/generate.py`.
@@ -45,7 +47,6 @@ squared error over the covariance, *of* its expected value, with the 99 % band (
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the generated pages, and those that stand beside the folder of the documentation."""
     pages = {
-        "reference/schema.md": schema(),
         "reference/codecs.md": codecs(),
     }
     for name, source in OUTSIDE.items():
@@ -74,6 +75,8 @@ def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
     """Give links to files outside their pages, and equations their MathML; code stays."""
     if page.file.src_uri in WHOLE:
         markdown += WHOLE[page.file.src_uri]()
+    if page.file.src_uri == CONFIGURATION:
+        markdown = with_keys(markdown)
     for name, source in OUTSIDE.items():
         markdown = markdown.replace(f"](../{source})", f"]({name})")
     parts = CODE.split(markdown)
@@ -85,6 +88,17 @@ def on_post_page(output: str, page: Page, **_: object) -> str:
     if not page.file.src_uri.endswith(".ipynb"):
         return output
     return re.sub(r'href="(?!https?:)([^"#]+)\.(?:md|ipynb)(?=["#])', r'href="\1.html', output)
+
+
+def with_keys(markdown: str) -> str:
+    """Return the page of the configuration with the table of keys at the end of each section."""
+    keys_of = import_module("fsw.config.reference").keys_of
+    head, *sections = re.split(r"^### (?=\w+$)", markdown, flags=re.MULTILINE)
+    parts = [head]
+    for section in sections:
+        rows = [key.row() for key in keys_of(section.partition("\n")[0])]
+        parts.append("\n".join([f"### {section.rstrip()}", "", *KEYS_HEAD, *rows, "", ""]))
+    return "".join(parts)
 
 
 def _mathml(found: re.Match[str]) -> str:
@@ -118,18 +132,6 @@ def _tree(
         if isinstance(action, argparse._SubParsersAction):  # noqa: SLF001
             for inner in action.choices.values():
                 yield from _tree(inner, depth + 1)
-
-
-def schema() -> str:
-    """Return the page of every section of the configuration, from its JSON Schema."""
-    whole = import_module("fsw.config.whole").json_schema()
-    lines = [
-        "# Configuration, JSON Schema",
-        "",
-        "Generated from `fsw schema`. [Configuration](../configuration.md) has each key's meaning.",
-        "",
-    ]
-    return "\n".join(lines + _tables("The file", whole))
 
 
 def scenario() -> str:
@@ -178,22 +180,6 @@ def _rows(
             shown[name] = f"{prefix}{key}"
             many = {"array": "[]", "object": ".NAME"}.get(value.get("type", ""), "")
             yield from _rows(f"{prefix}{key}{many}.", whole["$defs"][name], whole, code, shown)
-
-
-def _tables(title: str, whole: Mapping[str, Any]) -> list[str]:
-    """Return a table of keys for each section of a JSON Schema."""
-    lines = []
-    for name, section in [(title, whole), *sorted(whole.get("$defs", {}).items())]:
-        if "properties" not in section:
-            continue
-        words = section.get("description", "").split("\n\n")[0].replace("\n", " ")
-        lines += [f"## {name}", "", words, "", "| key | values | default |", "|---|---|---|"]
-        required = set(section.get("required", ()))
-        for key, value in section["properties"].items():
-            given = "required" if key in required else f"`{json.dumps(value.get('default'))}`"
-            lines.append(f"| `{key}` | {_values(value)} | {given} |")
-        lines.append("")
-    return lines
 
 
 def _values(value: Mapping[str, Any]) -> str:

@@ -131,8 +131,9 @@ def _configuration_parsers(commands: argparse._SubParsersAction[argparse.Argumen
     devices.set_defaults(command=_devices)
 
     schema = commands.add_parser(
-        "schema", help="print the configuration's JSON Schema, for editors"
+        "schema", help="print the configuration's JSON Schema, for editors; or keys in words"
     )
+    schema.add_argument("part", nargs="?", metavar="KEY", help="a section or key, explained")
     schema.set_defaults(command=_schema)
 
     export_arguments(commands, _export)
@@ -379,10 +380,13 @@ def _export(arguments: argparse.Namespace) -> int:
     return 0 if body.valid else FAILED_EXIT
 
 
-def _schema(_arguments: argparse.Namespace) -> int:
-    from fsw.config.whole import json_schema
+def _schema(arguments: argparse.Namespace) -> int:
+    from fsw.config.reference import json_schema, keys_of
 
-    print(json.dumps(json_schema(), indent=2))
+    if arguments.part is None:
+        print(json.dumps(json_schema(), indent=2))
+    else:
+        print("\n".join(key.words() for key in keys_of(arguments.part)))
     return 0
 
 

@@ -9,7 +9,7 @@ EXAMPLES = {
     "install-service": "fsw install-service robot.yaml --user fsw",
     "init": "fsw init arm.urdf --tool gripper --unknown target --imu stim300 --out robot.yaml",
     "devices": "fsw devices",
-    "schema": "fsw schema",
+    "schema": "fsw schema estimator",
     "export": "fsw export result.json --format urdf --out target.urdf",
     "check": "fsw check robot.yaml recording.mcap",
     "bench": "fsw bench --rounds 3 --seconds 5 --priority 50",

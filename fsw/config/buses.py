@@ -26,30 +26,59 @@ class RedundantBusConfig(Section):
     """The second bus of a redundant pair; nodes use one bus at a time (ECSS-E-ST-50-15C)."""
 
     channel: str
-    port: int | None = Field(default=None, ge=1, le=65535)  # for udp_multicast and udp_frames
-    lost_after_s: Duration = 0.3  # the active bus is lost if no node sends for this time
-    nodes_toggle_s: Duration  # Ttoggle times the nodes' consumer heartbeat time
+    """channel of the second bus of a redundant pair ([icd.md](icd.md), section 1); needs
+    `heartbeat_s` and `sync: producer`"""
+    port: int | None = Field(default=None, ge=1, le=65535)
+    """its UDP port, for `udp_multicast` and `udp_frames` only"""
+    lost_after_s: Duration = 0.3
+    """without a frame of any node for so long the active bus is lost and the other is taken; at
+    least 5 SYNC periods"""
+    nodes_toggle_s: Duration
+    """Ttoggle x consumer heartbeat time of the nodes; at least 1.5 `heartbeat_s`"""
 
 
 class BusConfig(Section):
     """One CAN bus. `name` is also the recording's topic: /can/<name>."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_]+$")]
-    interface: str | None = None  # samples, or one of python-can: socketcan, udp_multicast ...
+    """free name of letters, digits and `_`; joints refer to it, recordings call the channel
+    `/can/NAME`"""
+    interface: str | None = None
+    """required by `fsw run` only: python-can interface: `socketcan`, `udp_multicast`, `slcan`,
+    `virtual` ..., or `udp_frames` (struct can_frame over UDP multicast, on a bench in place of
+    SocketCAN); `samples`: no bus, its joints' values come from [fsw import](import.md), or live by
+    `feed` ([howto/feed.md](howto/feed.md)), at any rate"""
     feed: FeedConfig | None = None  # of interface samples: who sends them live; None: recordings
-    channel: str | None = None  # a replay needs neither interface nor channel
-    description: Path | None = None  # DBC, KCD, SYM or ARXML of foreign devices on the bus
+    channel: str | None = None
+    """required by `fsw run` only: python-can channel: `can0`, a multicast group `239.0.0.1`, a
+    serial path ...; of a feed: a numeric address, with `port`, or the path of a Unix socket"""
+    description: Path | None = None
+    """DBC, KCD, SYM or ARXML file of the foreign devices on this bus ([how](howto/connect.md));
+    joints with `driver: described` name its messages"""
     messages: Annotated[tuple[LayoutMessageConfig, ...], Field(max_length=256)] = ()
-    listen_only: bool = False  # another master runs the bus: the daemon never sends a frame
+    listen_only: bool = False
+    """another master runs the bus: the daemon never sends a frame, neither SYNC nor NMT nor
+    heartbeat"""
     fd: bool = False
+    """open the bus for CAN FD; needed by joints of format `fd`"""
     bitrate: int | None = Field(default=None, gt=0)
+    """nominal bit/s; null where the system sets it (socketcan). The load check then assumes 1
+    Mbit/s"""
     data_bitrate: int | None = Field(default=None, gt=0)
-    port: int | None = Field(default=None, ge=1, le=65535)  # for a feed and CAN over UDP
-    sync: Literal["producer", "consumer", "none"] = "producer"  # none: nobody sends SYNC
-    rate_hz: Rate  # of SYNC; of the joints' samples
-    sync_counter_max: Annotated[int, Field(ge=0, le=240)] = 240  # 0: SYNC has no data
-    latch_offset_s: Finite = 0.0  # time of validity of joint samples minus SYNC stamp
-    heartbeat_s: Duration | None = None  # period of the computer's heartbeat; None: none is sent
+    """data phase of CAN FD, bit/s; null: the load check assumes 5 Mbit/s"""
+    port: int | None = Field(default=None, ge=1, le=65535)
+    """UDP port, for `udp_multicast`, `udp_frames` and a feed only"""
+    sync: Literal["producer", "consumer", "none"] = "producer"
+    """`producer`: the daemon sends SYNC with its counter; `consumer`: another node does; `none`:
+    nobody does, only for described joints with a time of their own"""
+    rate_hz: Rate
+    """SYNC rate; must divide `scheduler.tick_rate_hz`. Of a feed: rate of its datagrams, any"""
+    sync_counter_max: Annotated[int, Field(ge=0, le=240)] = 240
+    """the counter runs 1 to this (object 0x1019); 0: SYNC has no data byte"""
+    latch_offset_s: Finite = 0.0
+    """time of validity of a joint sample minus the stamp of its SYNC; shorter than a SYNC period"""
+    heartbeat_s: Duration | None = None
+    """period of the computer's heartbeat (node 0x01) on this bus; null: none is sent"""
     redundant: RedundantBusConfig | None = None
 
     @model_validator(mode="after")

@@ -20,10 +20,17 @@ SAMPLES = "samples"  # values that another program decoded: of a feed, or in rec
 class FeedConfig(Section):
     """The sender of a live feed, the clock of its times, and the key that authenticates it."""
 
-    source: int = Field(ge=0, le=0xFFFFFFFF)  # datagrams of other senders are refused
-    clock: Clock = "monotonic"  # monotonic: this machine's CLOCK_MONOTONIC; others are fitted
+    source: int = Field(ge=0, le=0xFFFFFFFF)
+    """number of the sender of a live feed ([howto/feed.md](howto/feed.md)); datagrams of other
+    senders are refused. Needs `interface: samples`"""
+    clock: Clock = "monotonic"
+    """the clock of the sender's times; all but `monotonic`, this machine's own, are fitted under
+    the arrivals"""
     clock_tolerance_ppm: Positive = 200.0
-    key_file: Path | None = None  # 32 bytes, mode 0600; beyond loopback a key is required
+    """bound of the rate error of such a clock"""
+    key_file: Path | None = None
+    """file of 32 random bytes, mode 0600, that authenticates the sender; required where `channel`
+    is not a loopback address; needs clock `unix` or `tai`"""
 
 
 def check_address(feed: FeedConfig, channel: str | None, port: int | None) -> None:

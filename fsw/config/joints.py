@@ -99,42 +99,112 @@ class JointConfig(Section):
     model_config = ConfigDict(json_schema_extra=_keys_of_a_joint)
 
     name: str
-    driver: Literal["canopen", "described", "samples"] = "canopen"  # samples: values of a feed
+    """the joint's name in the URDF; every revolute or prismatic joint must be listed once, in any
+    order"""
+    driver: Literal["canopen", "described", "samples"] = "canopen"
+    """`canopen`: the tailored node of [icd.md](icd.md); `described`: any device, by `signals` and
+    `timing` ([how](howto/connect.md)); `samples`: values of a [feed](howto/feed.md), in the order
+    of this list"""
     bus: str
-    node_id: Annotated[int, Field(ge=1, le=127)] | None = None  # of a CANopen node
-    description: Path | None = None  # EDS or DCF of the node; null: the bus's description
+    """name of the bus the node is on, or of the feed"""
+    node_id: Annotated[int, Field(ge=1, le=127)] | None = None
+    """CANopen node; required by `canopen`, and by `described` with a `description` of its own; such
+    a node is started by NMT; left out with `samples`"""
+    description: Path | None = None
+    """EDS or DCF file of this node; its messages are `TPDO1`, `TPDO2` ..., its signals `0x6064`,
+    `0x2012:03` ...; null: the bus's description"""
     signals: dict[Role, SignalConfig] | None = None  # for driver: described
     timing: TimingConfig | None = None  # likewise
     format: Literal["classic", "fd"] = "classic"
-    kind: Literal["revolute", "prismatic"] = "revolute"  # names of prismatic keys: see `linear`
+    """TPDO1 layout: 8 bytes classic, or the 20-byte CAN FD tailoring"""
+    kind: Literal["revolute", "prismatic"] = "revolute"
+    """as in the URDF; `prismatic`: the node counts metres where others count revolutions
+    ([icd.md](icd.md), section 1), and the keys are named for m and N"""
     sign: Literal[-1, 1] = 1
+    """-1 when the node counts against the URDF's axis; for position and torque alike"""
     zero_offset_rad: Turn = 0.0
-    torque: Literal["link_side", "motor_current", "none"] = (
-        "link_side"  # motor_current: friction, rotor and gain are wide by default; none: no sensor
-    )
-    torque_gain: Gain = 1.0  # negative: the torque has the opposite sign, the angle does not
+    """position = sign x reading - this"""
+    torque: Literal["link_side", "motor_current", "none"] = "link_side"
+    """`motor_current`: the torque is computed from the motor's current; friction, rotor inertia and
+    gain then have wide priors unless stated ([how](howto/motor_current.md)). `none`: the node
+    measures angles alone (a second arm without sensors, a driven antenna); the `torque_...` and
+    `friction_...` keys are then left out. Methods `fused`, `rda` and `cm` do without that torque,
+    `mrnea` does not"""
+    torque_gain: Gain = 1.0
+    """not 0; torque = sign x gain x reading - offset; negative: the torque alone counts the other
+    way"""
     torque_offset_nm: Finite = 0.0
-    torque_limit_nm: Positive  # larger readings are rejected as out of range
-    speed_limit_rad_s: Positive  # faster jumps between samples are rejected as out of range
-    torque_noise_nm: TorqueNoise  # 1 sigma of one sample, white
-    torque_offset_sigma_nm: TorqueSigma  # prior of the unknown offset; 0: none estimated
-    torque_scale_sigma_ratio: ScaleSigma = 0.02  # prior of the scale error; 0: none estimated
-    friction_coulomb_sigma_nm: TorqueSigma = 0.0  # prior of friction in the reading; 0: none
+    """known torque offset, taken off as `torque_gain` says"""
+    torque_limit_nm: Positive
+    """larger readings are physically impossible and rejected"""
+    speed_limit_rad_s: Positive
+    """faster position jumps between samples are rejected"""
+    torque_noise_nm: TorqueNoise
+    """1 sigma of one torque sample, white, quantisation included"""
+    torque_offset_sigma_nm: TorqueSigma
+    """1 sigma of the unknown torque offset; 0: none is estimated"""
+    torque_scale_sigma_ratio: ScaleSigma = 0.02
+    """1 sigma of the unknown torque scale error; half of its variance is taken as common to all
+    joints (one calibration). Calibrated against weights: 0.005; 0: none is estimated"""
+    friction_coulomb_sigma_nm: TorqueSigma = 0.0
+    """1 sigma of the Coulomb friction that the torque sensor sees beside the dynamics: what acts
+    between the sensor and the link (bearing, seal, cables), or what is left of it after a
+    compensation in the joint. Set it where a test on the ground showed such friction, or where a
+    motion with reversals ends in `MODEL_MISMATCH`: link-side sensors of light arms showed 0.2 to
+    0.5 N m. It costs information: offset and friction look alike where a joint never reverses.
+    Outliers of torque are judged more mildly then. 0: none is estimated"""
     friction_viscous_sigma_nms_rad: TorqueSigma = 0.0
-    friction_load_sigma_ratio: ScaleSigma = 0.0  # of friction over the transmitted torque; 0: none
-    friction_speed_rad_s: SlowRate = 0.01  # Coulomb friction is c tanh(rate / friction_speed)
-    rotor_inertia_sigma_kg_m2: RotorSigma = 0.0  # of rotor and gear, seen at the link; 0: none
-    ripple_periods: tuple[Periods, ...] = ()  # of the gear's ripple in a turn of the joint
-    ripple_sigma_nm: TorqueSigma = 0.0  # prior of sine and cosine amplitude of each; 0: none
-    torque_model_sigma_nm: TorqueSigma = 0.0  # 1 sigma of the model's error in the torque; 0: none
-    torque_model_correlation_s: CorrelationTime = 0.1  # time in which that error decays by e
-    encoder: Literal["position", "speed"] = "position"  # speed: the node measures no angle
-    position_noise_rad: AngleNoise  # 1 sigma of one sample, including quantisation
-    speed_noise_rad_s: SpeedNoise | None = None  # 1 sigma of one sample; for encoder: speed
-    start_rad: Turn | None = None  # for encoder: speed, angle before the first sample; None: 0
-    zero_sigma_rad: AngleSigma = 2e-3  # 1 sigma of zero_offset_rad or start_rad; 0: exact
-    angle_scale_sigma_ratio: ScaleSigma = 0.0  # 1 sigma of the angle's scale; 0: exact
-    link_sigma_ratio: ScaleSigma | None = None  # of the moved link; None: robot.links_sigma_ratio
+    """1 sigma of the viscous part [N m s/rad]; set it with `friction_coulomb_sigma_nm` where joints
+    move faster than some 0.1 rad/s. 0: none is estimated"""
+    friction_load_sigma_ratio: ScaleSigma = 0.0
+    """with `torque: motor_current` 0.1: 1 sigma of the friction of a loaded gear over the torque
+    that it transmits, for a torque from [motor current](howto/motor_current.md) of an arm with
+    `base.motion: clamped`; no state elsewhere. 0: none is estimated"""
+    friction_speed_rad_s: SlowRate = 0.01
+    """Coulomb friction is c tanh(rate / this). Smaller where it reverses sharply, larger where it
+    builds up slowly, as cables do"""
+    rotor_inertia_sigma_kg_m2: RotorSigma = 0.0
+    """1 sigma of the inertia of rotor and gear about the joint's axis, times the gear ratio
+    squared, for a torque from [motor current](howto/motor_current.md). It adds that inertia times
+    the joint's acceleration to the reading. 0: none is estimated"""
+    ripple_periods: tuple[Periods, ...] = ()
+    """numbers of periods of the gear's ripple in a turn of the joint; revolute joints only"""
+    ripple_sigma_nm: TorqueSigma = 0.0
+    """1 sigma of the amplitudes of sine and cosine of each ripple; 0: no ripple"""
+    torque_model_sigma_nm: TorqueSigma = 0.0
+    """1 sigma of what the model leaves out of this joint's torque: friction that depends on load,
+    angle and temperature, cables, a controller's vibration. Set it on real hardware, from the
+    residual of a motion without payload (0.05 to 0.2 N m were seen on arms of 15 kg); 0: nothing is
+    left out"""
+    torque_model_correlation_s: CorrelationTime = 0.1
+    """time in which that fades by e. Up to `estimator.window_s`; what is slower is an offset,
+    friction or an error of the links, which have keys of their own"""
+    encoder: Literal["position", "speed"] = "position"
+    """`speed`: the node measures speed and no angle (a tachometer, an encoder without index). The
+    angle is then integrated from `start_rad`; `position_noise_rad` and `zero_offset_rad` are left
+    out. Use it only where there is no angle: the arm must stand within `zero_sigma_rad` of
+    `start_rad` when `fsw run` or a recording begins, and what the noise adds up to costs sigma
+    ([methods.md](methods.md)). Not with method `mrnea`, `orbit`, `thrusters`, `modes`, external
+    wrenches or `outside_wrench: watch`; `fsw excite` and `fsw import` refuse it"""
+    position_noise_rad: AngleNoise
+    """1 sigma of one position sample, quantisation included"""
+    speed_noise_rad_s: SpeedNoise | None = None
+    """of `encoder: speed`, and required there: 1 sigma of one speed sample, white. The angle walks
+    by this times the root of time over rate: 0.01 rad/s at 500 Hz make 0.2 deg in a minute; beyond
+    0.3 deg `fsw check` warns"""
+    start_rad: Turn | None = None
+    """of `encoder: speed`: the angle, in the URDF's zero and sign, before the first sample; null: 0
+    """
+    zero_sigma_rad: AngleSigma = 2e-3
+    """1 sigma of `zero_offset_rad`, or of `start_rad`. Calibrated on a bench: 0.0003; 0: it is
+    exact"""
+    angle_scale_sigma_ratio: ScaleSigma = 0.0
+    """1 sigma of the scale of the angle's reading: a true angle, before `zero_offset_rad`, over the
+    reading, less 1. 0: it is exact; a change within the run is watched. Not with `encoder: speed`
+    nor `modes`"""
+    link_sigma_ratio: ScaleSigma | None = None
+    """of the link this joint moves, instead of `robot.links_sigma_ratio`, where one link is known
+    better or worse than the others"""
 
     @model_validator(mode="after")
     def _driver_keys(self) -> Self:

@@ -22,19 +22,36 @@ class ModeConfig(Section):
     """One part of the base on springs and dampers; the data of the base include it at rest."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}$")]
+    """its name in the state: `mode_frequency.NAME`"""
     kind: Literal["panel", "slosh"]
-    p_B_m: Position  # panel: a point of the hinge; liquid: the place at rest
+    """`panel`: a body that turns about a hinge; `slosh`: a point mass that slides along axes"""
+    p_B_m: Position
+    """a point of the hinge; liquid: where it is at rest; base axes"""
     axes_B: Annotated[tuple[Vector3, ...], Field(min_length=1, max_length=3)] = CROSSWISE
-    mass_kg: Mass  # of the moving part
-    com_m: Position = (0.0, 0.0, 0.0)  # panel only: centre of mass, from p_B_m
-    inertia_kg_m2: InertiaVector | None = None  # panel only: about its centre of mass
-    frequency_hz: Frequency  # with the base held fixed
+    """unit vectors at right angles, base axes: the hinge (one), or the directions of the liquid (up
+    to three)"""
+    mass_kg: Mass
+    """of what moves"""
+    com_m: Position = (0.0, 0.0, 0.0)
+    """of a panel, from `p_B_m`, base axes"""
+    inertia_kg_m2: InertiaVector | None = None
+    """of a panel, about its centre of mass, base axes; liquid has none"""
+    frequency_hz: Frequency
+    """with the base held. Above `estimator.nodes` / (4 `estimator.window_s`), 2.5 Hz by default,
+    the nodes of a window do not follow the swing, and `fsw check` warns"""
     damping_ratio: DampingRatio
+    """of critical, with the base held"""
     mass_sigma_ratio: ScaleSigma = 0.1
+    """1 sigma of the mass; a panel's inertia goes with it. 0: exact"""
     frequency_sigma_ratio: LogSigma = 0.1
+    """1 sigma of the logarithm of the frequency. 0: exact"""
     damping_sigma_ratio: LogSigma = 0.5
-    amplitude_m: Amplitude | None = None  # liquid only: 1 sigma of the distance from rest
-    amplitude_rad: Amplitude | None = None  # panel only: 1 sigma of the angle from rest
+    """1 sigma of the logarithm of the damping ratio. 0: exact"""
+    amplitude_m: Amplitude | None = None
+    """of liquid, required: 1 sigma of its distance from rest when identification begins; its speed
+    then is as much times 2 pi `frequency_hz`"""
+    amplitude_rad: Amplitude | None = None
+    """of a panel, required"""
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

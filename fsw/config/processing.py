@@ -29,13 +29,26 @@ class SchedulerConfig(Section):
     """Timing of the loop; processors and priorities of loop and estimation."""
 
     tick_rate_hz: Rate
-    batch_s: float = Field(default=0.033, gt=0.0, le=0.05)  # length of a batch of inputs
-    work_budget_s: Duration | None = None  # processor time for a tick; null: the tick's period
-    realtime_priority: int = Field(default=50, ge=0, le=99)  # 0: no SCHED_FIFO
+    """the loop's rate"""
+    batch_s: float = Field(default=0.033, gt=0.0, le=0.05)
+    """received data are decoded and judged in batches of this length: a fault is found at most this
+    long and some ticks after the sample that shows it"""
+    work_budget_s: Duration | None = None
+    """processor time that the work of one tick may take; what exceeds it is the event
+    `LOOP_OVER_BUDGET`; null: the period of a tick"""
+    realtime_priority: int = Field(default=50, ge=0, le=99)
+    """SCHED_FIFO priority; 0: ordinary scheduling"""
     cpu: int | None = Field(default=None, ge=0)
-    idle_latency_us: int | None = Field(default=None, ge=0, le=1_000_000)  # null: unchanged
-    estimation_priority: int | None = Field(default=None, ge=0, le=98)  # null: half the loop's
+    """processor the loop is pinned to; null: any"""
+    idle_latency_us: int | None = Field(default=None, ge=0, le=1_000_000)
+    """processors enter no idle state that takes longer to leave [us]; 0: none sleeps, which costs
+    power and makes ticks punctual; needs the right to write `/dev/cpu_dma_latency`; null: as the
+    system has it"""
+    estimation_priority: int | None = Field(default=None, ge=0, le=98)
+    """SCHED_FIFO priority of the estimation, below the loop's; null: half of it; 0: ordinary
+    scheduling"""
     estimation_cpu: int | None = Field(default=None, ge=0)
+    """processor the estimation is pinned to; null: any"""
 
     @property
     def estimation_fifo(self) -> int:
@@ -88,28 +101,62 @@ class EstimatorConfig(Section):
     """Method, windows, priors and gates of the estimator."""
 
     method: Literal["mrnea", "rda", "cm", "fused"] = "fused"
-    weighting: Literal["ols", "wls", "eiv"] = "eiv"  # for mrnea
+    """`mrnea`: inverse dynamics with measured base acceleration; `rda`: base acceleration
+    eliminated; `cm`: angular rate by conservation of momentum; `fused`: torque, accelerometer and
+    gyro in one likelihood"""
+    weighting: Literal["ols", "wls", "eiv"] = "eiv"
+    """of `mrnea`. `eiv`: errors in all variables; `wls`: torque and accelerometer noise only;
+    `ols`: none (the published method). Other methods have none of these: `fsw check` warns"""
     window_s: WindowLength = 0.4
+    """length of the windows in which signals are smoothed; each channel needs at least 8 samples in
+    it, the fastest may have 20 000; MRNEA differentiates the gyro over it and wants a short one
+    (0.2 s for motions up to 0.4 Hz), fused does not"""
     nodes: int = Field(default=4, ge=2, le=8)
-    lag_s: Delay = 0.15  # a window closes this long after its end; covers the slowest sensor
+    """instants per window at which equations are set up"""
+    lag_s: Delay = 0.15
+    """a window closes this long after its end; at least the slowest sensor's delay (`fsw check`
+    reports it)"""
     store_blocks: int = Field(default=256, ge=4, le=100_000)
+    """windows kept for relinearisation"""
     # windows before an estimate may be valid; see `for_short_recordings`
     settle_blocks: int = Field(default=25, ge=1)
-    min_fill_ratio: float = Field(default=0.6, gt=0, le=1)  # of the expected samples in a window
-    wrench_force_sigma_n: ForceNoise = 1e-3  # 1 sigma of unmodelled external force and torque
+    """windows before anything is published as valid; 5 where it is left out, the base is held and
+    every bus has `interface: samples`: sigma then counts how little so few windows show of the
+    noise ([methods.md](methods.md))"""
+    min_fill_ratio: float = Field(default=0.6, gt=0, le=1)
+    """share of the expected samples a window must hold"""
+    wrench_force_sigma_n: ForceNoise = 1e-3
+    """1 sigma of the unmodelled external force"""
     wrench_torque_sigma_nm: TorqueNoise = 1e-3
-    momentum_sigma_nms: MomentumSigma = (
-        0.0  # prior of a residual angular momentum; 0: none estimated
-    )
-    external_force_sigma_n: ForceSigma = 0.0  # prior of a constant external wrench at the base's
-    external_torque_sigma_nm: TorqueSigma = 0.0  # origin, axes of N; 0: none estimated
-    target_force_sigma_n: ForceSigma = 0.0  # prior of a constant wrench at the target's centre of
-    target_torque_sigma_nm: TorqueSigma = 0.0  # mass, such as air; 0: none estimated
-    outside_wrench: Literal["ignore", "watch"] = "ignore"  # watch: find and leave out windows
-    # false-alarm rate of the innovation gate, per window
+    """1 sigma of the unmodelled external torque"""
+    momentum_sigma_nms: MomentumSigma = 0.0
+    """1 sigma, per axis, of the angular momentum of everything together, N m s; 0: it is zero. For
+    what tumbles after a capture, or holds momentum in wheels: as large as it may be, a value too
+    large costs nothing ([methods.md](methods.md))"""
+    external_force_sigma_n: ForceSigma = 0.0
+    """1 sigma of a constant external force on the base, N; 0 together with the torque: none is
+    estimated"""
+    external_torque_sigma_nm: TorqueSigma = 0.0
+    """1 sigma of the constant external moment about the base's origin, N m"""
+    target_force_sigma_n: ForceSigma = 0.0
+    """1 sigma of a constant external force at the target's centre of mass, N; air on a grasped
+    target loads the joints, which no wrench on the base does. One in inertial axes and one in the
+    target's; 0 together with the torque: none is estimated"""
+    target_torque_sigma_nm: TorqueSigma = 0.0
+    """1 sigma of the constant external moment about the target's centre of mass, N m"""
+    outside_wrench: Literal["ignore", "watch"] = "ignore"
+    """`watch`: firings that nobody reported and contact of the target are found from the first
+    valid estimate on, reported (`UNKNOWN_FIRING`, `CONTACT`) and left out
+    ([methods.md](methods.md)). Needs `method: fused`, a free base, a star tracker and no `modes`.
+    `ignore`: what acts from outside is found as a model that does not fit, or as a change of the
+    bodies"""
     gate_probability: float = Field(default=per_test("gate"), gt=0, lt=0.1)
+    """false-alarm rate of the innovation gate per window ([budget](false_alarms.md))"""
     condition_limit: Positive = 1e8
-    forgetting_time_s: LongDuration | None = None  # time constant of information; null: none
+    """above this condition number of the scaled information nothing is published as valid"""
+    forgetting_time_s: LongDuration | None = None
+    """time in which what the data said loses the factor e of its information; null: nothing is
+    forgotten"""
 
     @property
     def is_regression(self) -> bool:
@@ -124,9 +171,13 @@ class OrbitConfig(Section):
     """
 
     position_m: Vector3
+    """position at the epoch"""
     velocity_m_s: Vector3
-    epoch_ns: int | None = None  # time of the daemon's clock; null: first SYNC
+    """velocity at the epoch, across the position and within 2 % of circular"""
+    epoch_ns: int | None = None
+    """the epoch on the daemon's clock; null: the first SYNC"""
     gravity_parameter_m3_s2: Positive = EARTH_GRAVITY_PARAMETER_M3_S2
+    """gravity parameter of the central body"""
 
     @model_validator(mode="after")
     def _circular(self) -> Self:

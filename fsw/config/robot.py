@@ -27,16 +27,26 @@ class RobotConfig(Section):
     """The known arm: a URDF whose root link is the base, and the frame that grasps the target."""
 
     urdf: Path
+    """robot description: a tree of `revolute` or `prismatic` joints (further `fixed` ones are
+    allowed) from the root link, which is the base B; one arm or several"""
     tool_frame: str
-    links_sigma_ratio: ScaleSigma = 0.05  # of inertial data of known bodies; 0: exact
+    """link or frame rigidly attached to the last link; the target's own frame E"""
+    links_sigma_ratio: ScaleSigma = 0.05
+    """how well the inertial data of links, and of a known base or target without `sigma`, are
+    known: mass by this ratio, centre of mass by 0.7 of it times the body's radii, inertia
+    accordingly. Weighed links: 0.01; a simulation that knows them: 0"""
 
 
 class BaseConfig(Section):
     """Motion that the base can make, and gravity in the axes of B (zero for a free base)."""
 
     motion: Literal["free", "planar", "clamped"] = "free"
-    normal_B: Vector3 = (0.0, 0.0, 1.0)  # upward normal of a planar base's table
+    """what holds the base: nothing, a level table, a bench"""
+    normal_B: Vector3 = (0.0, 0.0, 1.0)
+    """the table's normal in base axes, upwards, length 1; of `planar`"""
     gravity_B_m_s2: Gravity = (0.0, 0.0, 0.0)
+    """gravity in base axes, measured by the accelerometer at rest (its sign changed) or given; on a
+    table along its normal. A free base falls with it: leave it out"""
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -56,16 +66,24 @@ class BodySigma(Section):
     """1 sigma of a body's prior: mass, centre of mass, inertia (xx xy xz yy yz zz)."""
 
     mass_kg: MassSigma
+    """1 sigma of the prior mass"""
     com_m: PositionSigma
+    """1 sigma of the prior centre of mass"""
     inertia_kg_m2: InertiaSigmas
+    """1 sigma of the prior inertia, same order"""
 
 
 class LiquidConfig(Section):
     """Liquid in a body: the part of its mass that may not follow a fast motion."""
 
     mass_kg: Mass
-    place_m: Position  # in the frame of the body
-    stroke_m: Length = 0.0  # 1 sigma of the distance from place_m
+    """liquid of an unknown body that may move on its own: what of its mass a fast motion may leave
+    behind. Widens what is published by as much, 1 sigma. All of it is less than the body's
+    `mass_kg`"""
+    place_m: Position
+    """where it is, in the body's frame"""
+    stroke_m: Length = 0.0
+    """how far from there it may go, 1 sigma"""
 
 
 class BodyConfig(Section):
@@ -75,10 +93,17 @@ class BodyConfig(Section):
     other body.
     """
 
-    frame: str | None = None  # link or frame of the URDF
+    frame: str | None = None
+    """link or frame of the URDF that holds the body, for a body of any other name than `base` and
+    `target`: a payload in a second arm. Two unknown bodies fixed to one another are refused"""
     mass_kg: Mass
+    """mass; of an unknown body the prior's mean"""
     com_m: Position
+    """centre of mass in the body's own frame: B for `base`, E for `target`, `frame` for any other
+    """
     inertia_kg_m2: InertiaVector
+    """xx xy xz yy yz zz, matrix elements (not products with the sign changed), about the centre of
+    mass, in the axes of the body's frame; must be physically possible"""
     sigma: BodySigma | None = None
     liquid: Annotated[
         tuple[LiquidConfig, ...], Field(max_length=16)

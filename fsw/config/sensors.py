@@ -52,8 +52,13 @@ class Mounting(Section):
     model_config = ConfigDict(json_schema_extra=_one_orientation)
 
     p_BS_m: Position
+    """place of the sensor in B (of an accelerometer: the lever arm); attitude does not depend on it
+    """
     q_BS_xyzw: Quaternion
-    rpy_BS_rad: tuple[Finite, Finite, Finite] | None = None  # converted to q_BS_xyzw
+    """unit quaternion, scalar last, taking sensor components to B; not with `rpy_BS_rad`"""
+    rpy_BS_rad: tuple[Finite, Finite, Finite] | None = None
+    """roll, pitch, yaw in the place of the quaternion, each at most 2 pi either way: about the
+    fixed axes x, y, z of B in this order, as `rpy` of a URDF"""
 
     @model_validator(mode="before")
     @classmethod
@@ -98,30 +103,66 @@ def _quaternion(angles: Sequence[float]) -> list[float]:
 class ImuConfig(Section):
     """The inertial unit. For white noise of random walk N, 1 sigma of a sample is N sqrt(rate)."""
 
-    driver: Driver = "stim300"  # none: there is no unit; samples: see SAMPLES
-    options: dict[str, Any] = Field(default={})  # of the codec, see `fsw devices`
-    port: str | None = None  # a replay does not need it
-    bus: str | None = None  # of driver samples: the feed
+    driver: Driver = "stim300"
+    """wire format: name of an installed codec, see `fsw devices`, or `package.module:Codec`;
+    `samples`: its values come from [fsw import](import.md), or live by the feed `bus`, at any rate;
+    `none` stands where the section is left out, which only `base.motion: clamped` allows"""
+    options: dict[str, Any] = Field(default={})
+    """the options of the codec, see `fsw devices`; `kvh` needs `rotation` and `acceleration`, which
+    say what the unit was set to send"""
+    port: str | None = None
+    """required by `fsw run` only: path of the serial device or pseudo-terminal, or a pyserial URL
+    """
+    bus: str | None = None
+    """the [feed](howto/feed.md) that carries the unit, with driver `samples`"""
     baud_rate: int = Field(default=921600, gt=0)
+    """bit/s; must carry the datagrams"""
     rate_hz: Rate
-    crlf: bool = False  # datagrams are followed by CR LF
+    """datagram rate: one that the codec's device offers; stim300: 125, 250, 500, 1000 or 2000"""
+    crlf: bool = False
+    """datagrams of a stim300 end in CR LF"""
     acc_range_g: Literal[5, 10, 30, 80] = 10
+    """accelerometer range: larger readings are rejected; of a stim300 it sets the scale of the wire
+    """
     mounting: Mounting
     gyro_group_delay_s: Delay
+    """delay of the unit's filter, not contained in the latency field; at most 0.1"""
     acc_group_delay_s: Delay
+    """likewise of the accelerometer, usually another; at most 0.1"""
     angle_random_walk_rad_sqrt_s: RandomWalk
+    """white noise density of the gyro, rad/sqrt(s); 0.15 deg/sqrt(h) is 4.36e-5"""
     velocity_random_walk_m_s_sqrt_s: RandomWalk
-    gyro_bias_sigma_rad_s: RateSigma  # prior of the unknown bias; 0: none estimated
+    """white noise density of the accelerometer, (m/s)/sqrt(s); 0.06 m/s/sqrt(h) is 1e-3"""
+    gyro_bias_sigma_rad_s: RateSigma
+    """1 sigma of the unknown gyro bias; 0: none is estimated"""
     acc_bias_sigma_m_s2: AccelerationSigma
-    gyro_bias_S_rad_s: Vector3 = (0.0, 0.0, 0.0)  # subtracted from every sample, in S
+    """1 sigma of the unknown accelerometer bias; 0: none is estimated"""
+    gyro_bias_S_rad_s: Vector3 = (0.0, 0.0, 0.0)
+    """known gyro bias in the unit's own axes, taken off every sample; written by `fsw calibrate`"""
     acc_bias_S_m_s2: Vector3 = (0.0, 0.0, 0.0)
+    """likewise of the accelerometer"""
     gyro_matrix: Matrix3 = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-    gyro_scale_sigma_ratio: ScaleSigma = 0.0  # 1 sigma of the scale of each axis; 0: exact
-    gyro_axes_sigma_rad: AngleSigma = 0.0  # 1 sigma of the lean of axes to each other; 0: exact
-    mounting_position_sigma_m: Length = 0.01  # 1 sigma of mounting.p_BS_m; 0: exact
-    mounting_angle_sigma_rad: AngleSigma = 5e-3  # 1 sigma of the mounting about an axis; 0: exact
-    max_rate_rad_s: Positive = 6.98  # larger readings are rejected as out of range (400 deg/s)
+    """three rows: what a reading, its bias taken off, is multiplied by to be the rate along the
+    unit's axes: scales on the diagonal, each within 0.2 of the identity; of a data sheet, or
+    written by `fsw calibrate motion`"""
+    gyro_scale_sigma_ratio: ScaleSigma = 0.0
+    """1 sigma of the scale of each of the gyro's axes, a state; 0: exact, no state. Where the base
+    turns fast (a captured or thrown body, above some 0.5 rad/s): 0.005 of a MEMS unit, 3e-4 of one
+    calibrated by its maker"""
+    gyro_axes_sigma_rad: AngleSigma = 0.0
+    """1 sigma of the angle by which each of two axes of the gyro leans to the other, so that they
+    miss a right angle by twice as much, three states; 0: exact. MEMS: 0.01, calibrated by its
+    maker: 5e-4. A turn of all axes is `mounting_angle_sigma_rad`"""
+    mounting_position_sigma_m: Length = 0.01
+    """1 sigma of `mounting.p_BS_m`, each axis. Measured on the built robot: 0.001; 0: it is exact
+    """
+    mounting_angle_sigma_rad: AngleSigma = 5e-3
+    """1 sigma of `mounting.q_BS_xyzw` about each axis. Aligned optically: 0.0002; 0: it is exact"""
+    max_rate_rad_s: Positive = 6.98
+    """the unit's range (stim300: below 8.936, 512 deg/s, the most that its wire carries): larger
+    readings are rejected, counted and reported (`IMU_RANGE`)"""
     clock_tolerance_ppm: Positive = 200.0
+    """how far the unit's clock may be off"""
 
     @field_validator("gyro_matrix")
     @classmethod
@@ -167,15 +208,29 @@ class StarTrackerConfig(Section):
     """The star tracker. `rotation` states the sense of its quaternion; confirm it by a test."""
 
     driver: Driver = "sagitta"
-    options: dict[str, Any] = Field(default={})  # of the codec, see `fsw devices`
+    """wire format: name of an installed codec, see `fsw devices`, or `package.module:Codec`;
+    `samples`: its values come from [fsw import](import.md), or live by the feed `bus`"""
+    options: dict[str, Any] = Field(default={})
+    """the options of the codec, see `fsw devices`"""
     port: str | None = None
-    bus: str | None = None  # of driver samples: the feed
+    """required by `fsw run` only: path of the serial device or pseudo-terminal, or a pyserial URL
+    """
+    bus: str | None = None
+    """the [feed](howto/feed.md) that carries the unit, with driver `samples`"""
     baud_rate: int = Field(default=115200, gt=0)
+    """bit/s; must carry the solutions"""
     rate_hz: Rate
+    """solution rate"""
     mounting: Mounting
-    time: Literal["unit", "arrival"] = "arrival"  # stamp of the unit, or arrival less latency
-    latency_s: Delay  # from mid-exposure to the unit's time stamp, or to the last byte
+    time: Literal["unit", "arrival"] = "arrival"
+    """`unit`: from the solution's own time stamp; `arrival`: from the arrival of its last byte"""
+    latency_s: Delay
+    """from mid-exposure to the unit's time stamp, or to the last byte"""
     rotation: Literal["inertial_to_tracker", "tracker_to_inertial"] = "inertial_to_tracker"
+    """which way the unit's quaternion turns"""
     noise_across_rad: AngleNoise
+    """1 sigma across the boresight"""
     noise_about_rad: AngleNoise
-    subscribe: bool = True  # ask the unit for asynchronous solutions at start
+    """1 sigma about the boresight"""
+    subscribe: bool = True
+    """ask the unit for asynchronous solutions at the start"""

@@ -46,17 +46,31 @@ class LayoutSignalConfig(Section):
     """One signal of a message: where its bits are, and what they mean."""
 
     name: Name
-    start: int = Field(ge=0, le=511)  # as in a DBC: least (big-endian: most) significant bit
+    """a signal of the message"""
+    start: int = Field(ge=0, le=511)
+    """place of its least significant bit (`order: big`: most significant), counted as in a DBC
+    file: bit 0 is the least significant one of byte 0"""
     bits: int = Field(ge=1, le=64)
+    """its length"""
     order: Literal["little", "big"] = "little"
+    """order of its bytes"""
     number: Literal["unsigned", "signed", "float"] = "unsigned"
-    scale: Finite | None = None  # value = raw scale + offset; null: 1
-    offset: Finite | None = None  # null: 0
-    range: tuple[Finite, Finite] | None = None  # value of raw 0 and of the largest raw number
+    """kind of number; a float has 16, 32 or 64 bits"""
+    scale: Finite | None = None
+    """value = raw x scale + offset; null: 1"""
+    offset: Finite | None = None
+    """see `scale`; null: 0"""
+    range: tuple[Finite, Finite] | None = None
+    """in place of both: values of raw 0 and of the largest raw number, as packed formats of motors
+    have them"""
     unit: str = ""
-    invalid: int | None = None  # raw value that stands for no value
-    multiplexer: str = ""  # signal that says whether this one is in the frame
-    pages: tuple[int, ...] = ()  # values of the multiplexer with which it is
+    """unit of the value, where the joint does not state it"""
+    invalid: int | None = None
+    """raw value that stands for no value"""
+    multiplexer: str = ""
+    """signal that says whether this one is in the frame"""
+    pages: tuple[int, ...] = ()
+    """values of the multiplexer with which it is"""
 
     @model_validator(mode="after")
     def _one_scale(self) -> Self:
@@ -76,9 +90,13 @@ class LayoutMessageConfig(Section):
     """One kind of frame on a bus."""
 
     name: Name
-    id: int = Field(ge=0, le=0x1FFFFFFF)  # whole identifier
-    extended: bool = False  # 29 bits
-    length: int = Field(ge=1, le=64)  # bytes; shorter frames are rejected
+    """a message that no file describes; joints refer to it"""
+    id: int = Field(ge=0, le=0x1FFFFFFF)
+    """its whole identifier"""
+    extended: bool = False
+    """the identifier has 29 bits"""
+    length: int = Field(ge=1, le=64)
+    """bytes; shorter frames are rejected"""
     signals: Annotated[tuple[LayoutSignalConfig, ...], Field(min_length=1, max_length=512)]
 
 
@@ -89,14 +107,25 @@ class SignalConfig(Section):
     """A signal that a joint uses, by message and name, and its unit."""
 
     message: Name
+    """`NAME` is a role: `position` or `speed`, `torque`, `time`, `counter`, `status`. Message that
+    holds it"""
     signal: Name
-    unit: str | None = None  # null: as the description says
-    counts_per_rev: Positive | None = None  # for unit: counts, at the joint
-    rated_torque_nm: Positive | None = None  # for unit: permille
-    nm_per_a: Positive | None = None  # for unit: A or mA; torque constant times gear ratio
-    invalid: int | None = None  # raw value that stands for no value
-    mask: int | None = Field(default=None, ge=1, le=0xFFFFFFFF)  # for role status: these bits ...
-    value: int | None = Field(default=None, ge=0, le=0xFFFFFFFF)  # ... must be so, else no sample
+    """name of the signal in the message"""
+    unit: str | None = None
+    """rad, mrad, deg, 0.001 deg, rev, counts; rad/s, deg/s, rev/s, rpm; N m, mN m, permille, A, mA;
+    s, ms, us, ns; of a prismatic joint m, mm, N; null: as described"""
+    counts_per_rev: Positive | None = None
+    """for unit `counts`: counts in a turn of the joint"""
+    rated_torque_nm: Positive | None = None
+    """for unit `permille`: the rated torque at the joint"""
+    nm_per_a: Positive | None = None
+    """for units `A`, `mA`: torque at the joint per ampere, gear included"""
+    invalid: int | None = None
+    """raw value that stands for no value"""
+    mask: int | None = Field(default=None, ge=1, le=0xFFFFFFFF)
+    """for role `status`: bits that are looked at"""
+    value: int | None = Field(default=None, ge=0, le=0xFFFFFFFF)
+    """for role `status`: what these bits must be; else the sample is rejected"""
 
     @model_validator(mode="after")
     def _figures(self) -> Self:
@@ -122,11 +151,20 @@ class TimingConfig(Section):
     """How a joint's samples get their time of validity."""
 
     by: Literal["echoed_counter", "last_sync", "arrival", "device_time"]
-    sigma_s: StampSigma | None = None  # 1 sigma of the error, sample by sample; null: 0
-    delay_s: Delay = 0.0  # from validity to the SYNC's stamp, or to sending
-    latest_s: Duration | None = None  # a later frame is not of the last SYNC; null: 0.9 periods
-    spread_s: Duration | None = None  # from first to last frame of a sample; null: half a period
-    clock_tolerance_ppm: float = Field(default=500.0, gt=0, le=50_000.0)  # of the device's clock
+    """what gives a sample its time: the counter of SYNC that it echoes; the last SYNC before its
+    frame; the frame's arrival, by the line under all arrivals; the device's own time in the sample
+    """
+    sigma_s: StampSigma | None = None
+    """1 sigma of the error of a sample's time; required by `arrival` and `device_time`; with half
+    the speed limit it adds to `position_noise_rad`; null: 0"""
+    delay_s: Delay = 0.0
+    """from validity to the stamp of SYNC, or to sending"""
+    latest_s: Duration | None = None
+    """by `last_sync`: a frame later than this is of no known SYNC; null: 0.9 periods"""
+    spread_s: Duration | None = None
+    """longest time between the frames of one sample; null: half a period"""
+    clock_tolerance_ppm: float = Field(default=500.0, gt=0, le=50_000.0)
+    """bound of the rate error of the device's timer or clock"""
 
     @model_validator(mode="after")
     def _needed(self) -> Self:

@@ -18,19 +18,34 @@ class ThrusterConfig(Section):
     """One thruster: a valve of a CAN node, and the force on the base while the valve is open."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}$")]
+    """its name in events and status"""
     driver: Literal["canopen"] = "canopen"
+    """wire format, see [icd.md](icd.md)"""
     bus: str
+    """name of the bus the node is on"""
     node_id: int = Field(ge=1, le=127)
-    valve: int = Field(default=0, ge=0, le=15)  # bit of the node's valve word
-    rate_hz: Rate  # of the node's reports
-    p_B_m: Position  # point where the force acts
-    direction_B: Vector3  # of the force on the base, opposite to the jet
-    force_n: Thrust  # nominal force after its rise
-    force_sigma_ratio: ScaleSigma = 0.03  # 1 sigma of force_n; half its variance is common to all
-    delay_s: ValveDelay = 0.005  # from the reported change of the valve to that of the force
+    """CANopen node that drives the valve"""
+    valve: int = Field(default=0, ge=0, le=15)
+    """its bit in the node's valve word"""
+    rate_hz: Rate
+    """rate of the node's reports, at least 1 and at most the bus's SYNC rate"""
+    p_B_m: Position
+    """where the force acts, base axes"""
+    direction_B: Vector3
+    """unit vector of the force on the base (against the jet), base axes"""
+    force_n: Thrust
+    """nominal force once it has risen"""
+    force_sigma_ratio: ScaleSigma = 0.03
+    """1 sigma of that force; half of its variance is taken as common to all thrusters (one
+    pressure). 0: it is exact"""
+    delay_s: ValveDelay = 0.005
+    """from the change of the valve as reported to the change of the force"""
     delay_sigma_s: ValveSigma = 0.0
-    rise_s: ValveTime = 0.01  # time constant of rise and decay
+    """1 sigma of it; 0: it is exact"""
+    rise_s: ValveTime = 0.01
+    """time constant with which the force rises and falls"""
     rise_sigma_s: ValveSigma = 0.0
+    """1 sigma of it; 0: it is exact"""
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

@@ -29,22 +29,42 @@ class WheelConfig(Section):
     """One wheel: a rotor, symmetric about an axis that is fixed in the base."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}$")]
+    """its name in events and status"""
     driver: Literal["canopen"] = "canopen"
-    bus: str | None = None  # null: samples only from fsw import
-    node_id: Annotated[int, Field(ge=1, le=127)] | None = None  # on `bus`
-    rate_hz: Rate  # of the node's reports
-    axis_B: Vector3  # positive speed turns about it by the right-hand rule
-    inertia_kg_m2: RotorInertia  # of the rotor about its axis
-    inertia_sigma_ratio: ScaleSigma = 0.01  # 1 sigma of inertia_kg_m2; 0: exact
-    speed_limit_rad_s: RotorSpeed  # larger readings are rejected as out of range
-    speed_noise_rad_s: RotorSpeedNoise  # 1 sigma of one sample, white
-    delay_s: Delay = 0.0  # delay of the readings
-    delay_sigma_s: DelaySigma = 0.0  # 1 sigma of delay_s; 0: exact
-    torque: Literal["none", "measured"] = "none"  # measured: the node's motor torque is used too
-    torque_limit_nm: RotorTorque  # of the motor; larger readings are rejected as out of range
-    torque_walk_nm_sqrt_s: RotorTorque | None = None  # change in 1 s; null: the limit
-    torque_noise_nm: TorqueNoise | None = None  # 1 sigma of a sample; for torque: measured
-    torque_offset_sigma_nm: TorqueSigma = 0.02  # 1 sigma of drag, not part of the motor torque
+    """wire format, see [icd.md](icd.md)"""
+    bus: str | None = None
+    """name of the bus the node is on; null: its samples come by `fsw import` only"""
+    node_id: Annotated[int, Field(ge=1, le=127)] | None = None
+    """CANopen node; given where the bus is"""
+    rate_hz: Rate
+    """rate of its reports, at least 1 and at most the bus's SYNC rate"""
+    axis_B: Vector3
+    """unit vector of the axis in base axes; positive speed turns about it by the right-hand rule"""
+    inertia_kg_m2: RotorInertia
+    """inertia of the rotor about its axis"""
+    inertia_sigma_ratio: ScaleSigma = 0.01
+    """1 sigma of that inertia, which is a state; 0: it is exact"""
+    speed_limit_rad_s: RotorSpeed
+    """larger readings are physically impossible and rejected"""
+    speed_noise_rad_s: RotorSpeedNoise
+    """1 sigma of one speed sample, white, quantisation included; below `speed_limit_rad_s`"""
+    delay_s: Delay = 0.0
+    """by which its readings are late: a speed that is the mean of a revolution is so by half of it.
+    Set it where the wheel is turned up within tenths of a second. `estimator.lag_s` must cover it
+    """
+    delay_sigma_s: DelaySigma = 0.0
+    """1 sigma of it; the error is a state. 0: it is exact"""
+    torque: Literal["none", "measured"] = "none"
+    """`measured`: the node's motor torque is used beside its speed; worth it for slow reports"""
+    torque_limit_nm: RotorTorque
+    """of the motor; larger readings are not used"""
+    torque_walk_nm_sqrt_s: RotorTorque | None = None
+    """1 sigma by which the torque on the rotor changes in 1 s; it decides how far a speed is
+    trusted between samples. null: `torque_limit_nm`"""
+    torque_noise_nm: TorqueNoise | None = None
+    """1 sigma of one torque sample, white; required for `torque: measured`"""
+    torque_offset_sigma_nm: TorqueSigma = 0.02
+    """1 sigma of bearing drag and offset, which a motor torque does not contain"""
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

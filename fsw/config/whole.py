@@ -54,6 +54,8 @@ class Config(Section):
     base: BaseConfig = BaseConfig()
     bodies: dict[BodyName, BodyConfig] = Field(default_factory=dict)
     unknown: Annotated[tuple[BodyName, ...], Field(min_length=1)]
+    """what is to be identified; each needs `bodies.NAME` with `sigma`. Telemetry packets and the
+    live page show `base` and `target`; the recording and `fsw replay`, `identify` show all"""
     buses: tuple[BusConfig, ...] = ()
     joints: tuple[JointConfig, ...] = ()
     wrench_sensors: Annotated[tuple[WrenchSensorConfig, ...], Field(max_length=4)] = ()
@@ -336,11 +338,6 @@ def load(path: Path) -> Config:
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
     return parse(source, path.parent, str(path))
-
-
-def json_schema() -> dict[str, Any]:
-    """Return the JSON Schema of a configuration; it lacks conditions between sections."""
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **Config.model_json_schema()}
 
 
 def parse(source: bytes, folder: Path, *files: str) -> Config:

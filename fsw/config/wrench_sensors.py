@@ -30,19 +30,36 @@ class WrenchSensorConfig(Section):
     """
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}$")]
+    """its name in messages, and in the recording; not that of a joint"""
     rate_hz: Rate
-    frame: str  # link of the URDF, or the joint that moves it: the first that the sensor carries
-    p_FS_m: Position = (0.0, 0.0, 0.0)  # origin of S in that frame
-    rpy_FS_rad: tuple[Turn, Turn, Turn] = (0.0, 0.0, 0.0)  # of S against it, fixed axes as in URDFs
-    sign: Literal[-1, 1] = 1  # -1: the reading is the wrench of the carried bodies on the sensor
-    force_limit_n: Positive  # larger readings are rejected as out of range
+    """rate of its samples"""
+    frame: str
+    """the first link that the sensor carries, or the joint that moves this link; not the root link
+    """
+    p_FS_m: Position = (0.0, 0.0, 0.0)
+    """origin of the sensor's axes in the frame of that link; moments are about it"""
+    rpy_FS_rad: tuple[Turn, Turn, Turn] = (0.0, 0.0, 0.0)
+    """roll, pitch, yaw of the sensor's axes in that frame, about fixed axes as in a URDF"""
+    sign: Literal[-1, 1] = 1
+    """-1 when the sensor reports the wrench that the carried bodies exert on it: a hanging weight
+    then pulls it down"""
+    force_limit_n: Positive
+    """larger readings are physically impossible and rejected"""
     torque_limit_nm: Positive
-    force_noise_n: ForceNoise  # 1 sigma of one sample, white
+    """likewise, of a moment"""
+    force_noise_n: ForceNoise
+    """1 sigma of one sample of a force, white, quantisation included; below its limit"""
     torque_noise_nm: TorqueNoise
-    force_offset_sigma_n: ForceSigma  # prior of the unknown offset of each axis; 0: none estimated
+    """likewise, of a moment"""
+    force_offset_sigma_n: ForceSigma
+    """1 sigma of the unknown offset of each force; 0: none is estimated"""
     torque_offset_sigma_nm: TorqueSigma
-    scale_sigma_ratio: ScaleSigma = 0.01  # prior of each axis's scale error; 0: none estimated
-    delay_s: Delay = 0.0  # delay of the readings
+    """likewise, of each moment"""
+    scale_sigma_ratio: ScaleSigma = 0.01
+    """1 sigma of the scale error of each axis; half of its variance is taken as common to all axes.
+    0: none is estimated"""
+    delay_s: Delay = 0.0
+    """by which the readings are late; `estimator.lag_s` must cover it"""
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

@@ -17,7 +17,7 @@ import pytest
 import yaml
 
 from fsw.commands.importing.mapping import Mapping
-from fsw.config.whole import json_schema
+from fsw.config.reference import json_schema
 from hil.world.scenario import Document
 from tests.support.commands import PROGRAMS, command_line_fault
 
@@ -222,7 +222,7 @@ def test_the_site_builds_without_a_warning_and_fetches_nothing(tmp_path):
     assert "math" in pages[site / "explanation" / "estimator.html"].tags
     commands = (site / "reference" / "commands.html").read_text(encoding="utf-8")
     assert "example: ground file rm" in commands
-    assert "scheduler" in (site / "reference" / "schema.html").read_text(encoding="utf-8")
+    assert "scheduler.tick_rate_hz" in (site / "configuration.html").read_text(encoding="utf-8")
     assert 'id="fsw.commands.api.identify"' in (site / "reference" / "python.html").read_text(
         encoding="utf-8"
     )

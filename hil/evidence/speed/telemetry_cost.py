@@ -175,7 +175,7 @@ def _fly(path: Path, port: int | None, seconds: int) -> tuple[Phase, Phase]:
         before = sent_packets(state)
         _count(loop, processes, phases, seconds)
         loop.finish()
-        processes.settle(20.0)
+        processes.settle(20, loop.report)
         loop.close()
         processes.service.wait(20.0)
     phases[1].packets = sent_packets(state) - before

@@ -1,82 +1,73 @@
-"""docs/configuration.md against the schema: keys, values, defaults, a working example."""
+"""The keys of the configuration as they are explained: in words, in the schema, on the page."""
 
+import importlib.util
+import json
 import re
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
-import pytest
-import yaml
-from pydantic_core import PydanticUndefined
+from pydantic import BaseModel
 
+from fsw.__main__ import main
 from fsw.checks.configuration import validate
 from fsw.config import Config, load
+from fsw.config.reference import json_schema, keys, keys_of, meanings
 from fsw.config.text import model_in
 
 DOCUMENT = Path(__file__).parents[3] / "docs" / "configuration.md"
-ROW = re.compile(r"^\| `(?P<key>[^`]+)` \| (?P<values>.*?) \| (?P<default>.*?) \| (?P<text>.+) \|$")
+SECTIONS = re.findall(r"^### (\w+)$", DOCUMENT.read_text(), re.MULTILINE)
 
 
-def bounds(schema: dict[str, Any]) -> str:
-    low = f"> {schema['exclusiveMinimum']:g}" if "exclusiveMinimum" in schema else ""
-    low = f">= {schema['minimum']:g}" if "minimum" in schema else low
-    high = f"< {schema['exclusiveMaximum']:g}" if "exclusiveMaximum" in schema else ""
-    high = f"<= {schema['maximum']:g}" if "maximum" in schema else high
-    return ", ".join(part for part in (low, high) if part)
+def test_every_key_has_a_meaning():
+    assert [key.name for key in keys() if len(key.meaning) < 4 or key.meaning.endswith(".")] == []
 
 
-def values_of(schema: dict[str, Any]) -> str:
-    """Return the allowed values of one key in words."""
-    if "anyOf" in schema:
-        inner = next(option for option in schema["anyOf"] if option.get("type") != "null")
-        return values_of(inner) + " or null"
-    if "enum" in schema or "const" in schema:
-        return ", ".join(map(str, schema.get("enum", [schema.get("const")])))
-    if schema["type"] == "array" and "prefixItems" in schema:
-        return f"{len(schema['prefixItems'])} numbers {bounds(schema['prefixItems'][0])}".strip()
-    if schema["type"] == "array":
-        return f"list of {values_of(schema['items'])}"
-    names = {"boolean": "true, false", "string": schema.get("format", "text")}
-    return names.get(schema["type"], f"{schema['type']} {bounds(schema)}".strip())
+def test_the_page_has_a_section_for_each_of_the_file():
+    assert list(Config.model_fields) == SECTIONS
 
 
-def reference(model: Any = Config, prefix: str = "") -> Iterator[tuple[str, str, str]]:
-    """Yield key, allowed values and default of every key that holds a value."""
-    properties = model.model_json_schema()["properties"]
-    for name, field in model.model_fields.items():
-        inner = model_in(field.annotation)
-        kind = str(field.annotation)
-        if inner is not None:
-            suffix = "[]" if kind.startswith("tuple") else ""
-            suffix = ".BODY" if kind.startswith("dict") else suffix
-            yield from reference(inner, f"{prefix}{name}{suffix}.")
-            continue
-        default = "required" if field.default is PydanticUndefined else yaml_words(field.default)
-        yield f"{prefix}{name}", values_of(properties[name]), default
+def test_values_defaults_and_meaning_are_those_of_the_declaration():
+    (lag,) = keys_of("estimator.lag_s")
+    assert (lag.values, lag.default) == ("number >= 0, <= 10", "0.15")
+    assert "slowest sensor" in lag.meaning
+    rate, source = keys_of("buses.rate_hz")[0], keys_of("buses[].feed.source")[0]
+    assert (rate.values, rate.default) == ("number > 0, <= 10000", "required")
+    assert source.values == "integer >= 0, <= 4294967295"
 
 
-def yaml_words(value: object) -> str:
-    if isinstance(value, float):
-        return f"{value:g}"
-    if isinstance(value, Path):
-        return str(value)
-    if isinstance(value, tuple):
-        return yaml.safe_dump(list(value), default_flow_style=True).strip()
-    return yaml.safe_dump(value).splitlines()[0]
+def test_a_text_below_a_declaration_is_its_meaning_and_no_other_text_is():
+    class Foreign(BaseModel):
+        size_m: float = 1.0
+        """not of this package"""
+
+    assert meanings(Foreign) == {}
+    assert set(meanings(model_in(Config.model_fields["imu"].annotation))) >= {"rate_hz", "driver"}
 
 
-def documented() -> dict[str, tuple[str, str]]:
-    rows = (ROW.match(line) for line in DOCUMENT.read_text().splitlines())
-    return {row["key"]: (row["values"], row["default"]) for row in rows if row is not None}
+def test_the_schema_explains_keys_without_links_those_of_a_prismatic_joint_too():
+    joint = json_schema()["$defs"]["JointConfig"]["properties"]
+    assert "physically impossible" in joint["torque_limit_nm"]["description"]
+    assert joint["force_limit_n"]["description"] == joint["torque_limit_nm"]["description"]
+    assert "](" not in json.dumps(json_schema())
 
 
-def test_every_key_of_the_schema_stands_in_the_reference():
-    assert {key for key, _, _ in reference()} == set(documented())
+def test_the_command_prints_a_section_or_a_key_in_words(capsys):
+    assert main(["schema", "imu.rate_hz"]) == 0
+    assert capsys.readouterr().out.startswith("imu.rate_hz: number > 0")
+    assert main(["schema", "joints"]) == 0
+    assert capsys.readouterr().out.count("\njoints[].") == len(keys_of("joints")) - 1
+    assert main(["schema", "jionts"]) == 2
+    assert "jionts: must be one of robot, base" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("key", "values", "default"), list(reference()))
-def test_values_and_default_are_as_the_schema_has_them(key, values, default):
-    assert documented()[key] == (values, default)
+def test_the_site_has_the_table_of_each_section_at_its_end():
+    spec = importlib.util.spec_from_file_location("generate", DOCUMENT.with_name("generate.py"))
+    generate = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(generate)
+    page = generate.with_keys(DOCUMENT.read_text())
+    assert page.count("\n| `") == len(list(keys()))
+    assert page.index("### imu") < page.index("| `imu.rate_hz` |") < page.index("### star_tracker")
+    shown = generate.with_keys("# a\n\n### unknown\n").splitlines()
+    assert shown[:3] == ["# a", "", "### unknown"]
 
 
 def test_the_worked_example_is_a_correct_configuration(arm):

@@ -6,7 +6,7 @@ from jsonschema import Draft202012Validator
 from fsw.checks.configuration import validate
 from fsw.commands.describe import describe
 from fsw.config import load
-from fsw.config.whole import json_schema
+from fsw.config.reference import json_schema
 from fsw.errors import ConfigError
 from tests.support.check_cases import assert_named
 

@@ -11,7 +11,7 @@ from jsonschema import Draft202012Validator
 from fsw.__main__ import main
 from fsw.config import Config, load, parse
 from fsw.config.joints import linear
-from fsw.config.whole import json_schema
+from fsw.config.reference import json_schema
 from fsw.errors import ConfigError
 from tests.conftest import arm_config
 
