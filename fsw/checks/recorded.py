@@ -17,6 +17,7 @@ from fsw.messages import ChannelWindow, FloatArray, Window
 
 RATE_TOLERANCE, RATE_SIGMAS = 0.02, 4.0
 DOUBLED = 1.5  # ratio of received to declared rate that the ends of a recording do not explain
+OTHER_RATIO = 10.0  # the same beside a declared rate that is wrong too
 UNIT_RATIO = 1.3  # of a ratio of rates to a power of 1000 that shows another unit of time
 BEYOND = 0.05  # accepted share of samples of a source that are out of range
 JOINTS, IMU = "joints", "imu"  # sources of the status, beside the buses
@@ -205,11 +206,16 @@ def rate_words(key: str, declared_hz: float, found_hz: float) -> str:
     for power in (1, 2, 3):
         thousands = 1000**power
         for factor, size in ((thousands, "small"), (1.0 / thousands, "large")):
-            if 1.0 / UNIT_RATIO < ratio / factor < UNIT_RATIO:
-                return (
-                    f"the stamps are {thousands:g} times too {size} for {key} {declared_hz:g}: "
-                    "correct the unit of time (s, ms, us, ns)"
-                )
+            left = ratio / factor
+            if not 1.0 / OTHER_RATIO < left < OTHER_RATIO:
+                continue
+            words = (
+                f"the stamps are {thousands:g} times too {size} for {key} {declared_hz:g}: "
+                "correct the unit of time (s, ms, us, ns)"
+            )
+            if 1.0 / UNIT_RATIO < left < UNIT_RATIO:
+                return words
+            return f"{words}, and set {key} to {left * declared_hz:.4g}"
     return ""
 
 

@@ -20,7 +20,7 @@ from fsw.commands.watching import MOST_KEPT, Watching
 from fsw.config import Config
 from fsw.errors import EstimatorError
 from fsw.estimators.batch.run import run_batch
-from fsw.estimators.batch.screening import fits_throughout, screened
+from fsw.estimators.batch.screening import fits_throughout, lacks_more, screened
 from fsw.estimators.measurement.mrnea import Rows
 from fsw.estimators.model.building import build_problem, joint_order, robot_of
 from fsw.estimators.model.problem import Problem
@@ -95,24 +95,23 @@ def identify(
         replay(reference, chosen, sink=empty, progress=tell)
         if not empty.blocks:
             raise EstimatorError("--reference: no window in this recording")
-    state: list[tuple[Problem, FloatArray, FloatArray]] = []
-    rows: list[Collection[Rows]] = []
+    state: list[tuple[Problem, FloatArray, FloatArray, Collection[Rows]]] = []
 
     def keep(
         problem: Problem, x: FloatArray, covariance: FloatArray, fused: Collection[Rows]
     ) -> None:
-        state.append((problem, x, covariance))
-        rows.append(fused)
+        state.append((problem, x, covariance, fused))
 
     if holdout is None:
         values = run_batch(
             chosen, collector.blocks, method, names, progress, keep, reference=empty.blocks
         )
         unscreened = alone and result.estimate is None and values["status"] != "ABORTED"
-        if unscreened and not fits_throughout(chosen, collector.blocks, values, *state[0], rows[0]):
+        if unscreened and not fits_throughout(chosen, collector.blocks, values, *state[0]):
             tell("checking single readings of every sensor; those that do not fit are left out")
-            collector.blocks = screened(chosen, collector.blocks)
-            values = run_batch(chosen, collector.blocks, method, names, progress, keep)
+            every, collector.blocks = collector.blocks, screened(chosen, collector.blocks)
+            if lacks_more(every, collector.blocks):  # otherwise the result would be the same
+                values = run_batch(chosen, collector.blocks, method, names, progress, keep)
     else:
         blocks = _plausible(collector.blocks)
         used, held = split(blocks, holdout)
@@ -135,7 +134,7 @@ def identify(
         "wall_s": (clock.now_ns() - began_ns) * 1e-9,
     }
     if show is not None:
-        problem, x, covariance = state[0]
+        problem, x, covariance, _ = state[0]
         made = Evidence(
             replayed=result,
             blocks=_plausible(collector.blocks),

@@ -6,14 +6,16 @@ import numpy as np
 
 from fsw.commands.importing.mapping import Angles, Joints, Quantity, Torques
 from fsw.commands.importing.quantities import Field, Found, Section, by_name, part_of
-from fsw.commands.importing.usable import Part, jumps, usable
+from fsw.commands.importing.usable import UNIT, Part, jumps, usable
 from fsw.commands.importing.wraps import unwrap
 from fsw.config import Config, JointConfig
 from fsw.drivers.sources.joint_track import SLACK_SIGMAS, Calibration
 from fsw.drivers.sources.samples import FORCE_N, POSITION, POSITION_M, TORQUE
 from fsw.errors import ConfigError
+from fsw.estimators.model.building import robot_of
 from fsw.messages import FloatArray
 
+BEYOND_LIMITS = 2.0  # times the limit, which no joint reaches: degrees are 57 times as many
 MOST_RAD = 1e6  # no encoder counts to larger angles or lengths
 REVOLUTE, PRISMATIC = "revolute", "prismatic"
 UNITS = {  # of positions and torques by kind of joint: those of a mapping, the first is SI
@@ -59,6 +61,7 @@ def found_joints(config: Config, mapped: Joints, section: Section) -> Found:
     speeds = [f"{joint.speed_limit_rad_s:g} {_si(Angles, joint)}/s" for joint in joints]
     bounds = [f"out of reach at {speed}" for speed in speeds]
     values, troubles = usable(path, position, is_far, bounds)
+    troubles += _beyond_limits(config, position.columns, joints, angles)
     fields = _fields(Angles, joints, values)
     if mapped.torque is not None:
         _refuse_units("joints.torque", mapped.torque, joints)
@@ -81,6 +84,25 @@ def found_joints(config: Config, mapped: Joints, section: Section) -> Found:
         slots=order,
         steps=lambda rows, t_ns: jumps(position.columns, values[rows], t_ns, limits, slack, units),
     )
+
+
+def _beyond_limits(
+    config: Config, columns: Sequence[str], joints: Sequence[JointConfig], positions: FloatArray
+) -> list[str]:
+    """Return a line for each column with positions (k, width) far beyond the limits in the URDF."""
+    model = robot_of(config)
+    lower, upper = model.model.lowerPositionLimit[7:], model.model.upperPositionLimit[7:]
+    limits = dict(zip(model.joint_names, zip(lower, upper, strict=True), strict=True))
+    lines = []
+    for column, joint, own in zip(columns, joints, positions.T, strict=True):
+        low, high = limits[joint.name]
+        reach, most, unit = np.nanmax(np.abs(own), initial=0.0), max(-low, high), _si(Angles, joint)
+        if 0.0 < most < reach / BEYOND_LIMITS:
+            lines.append(
+                f"{column} reaches {reach:.3g} {unit}, and the limits in robot.urdf are {low:.3g} "
+                f"to {high:.3g} {unit}; {UNIT}"
+            )
+    return lines
 
 
 def _order(config: Config, mapped: Joints) -> list[str]:

@@ -24,6 +24,7 @@ from fsw.estimators.square_root import SquareRootInformation
 from fsw.messages import FloatArray
 
 MAX_PLAIN_STEPS = 40  # up to 18 were needed from starts that were 30-50 % wrong
+PATIENCE = 10  # steps; if none of them is shorter by a tenth than all before, they do not settle
 CONVERGED = 1e-3  # whitened rms step at which the iteration stops
 COST_RISE = 1e-3  # relative, of a step between consistent bodies; above, it is halved
 HALVINGS = 10
@@ -48,6 +49,19 @@ class BatchSolution:
     note: str = ""  # what runs away: a body from the possible ones, or the state that still moves
 
 
+class _Lengths:
+    """Lengths of the steps so far."""
+
+    def __init__(self) -> None:
+        self._least, self._since = np.inf, 0
+
+    def stagnate(self, length: float) -> bool:
+        """Add a step's length; return whether steps have stopped getting shorter."""
+        self._since = 0 if length < 0.9 * self._least else self._since + 1
+        self._least = min(self._least, length)
+        return self._since >= PATIENCE
+
+
 def gauss_newton(
     problem: Problem, target: RowsAt, prior: Prior, start: FloatArray
 ) -> tuple[FloatArray, bool]:
@@ -57,7 +71,7 @@ def gauss_newton(
     a search by cost can prefer too heavy bodies; plain steps with re-weighting do not. Rows are
     evaluated at the nearest consistent bodies.
     """
-    x = start
+    x, lengths = start, _Lengths()
     for _ in range(MAX_PLAIN_STEPS):
         at = to_x(problem, to_theta(problem, x))
         try:
@@ -66,6 +80,8 @@ def gauss_newton(
             return start, False
         if moved < CONVERGED:
             return x, True
+        if lengths.stagnate(moved):
+            break
     return start, False
 
 
@@ -98,12 +114,14 @@ def light(problem: Problem, target: RowsAt, prior: Prior, x: FloatArray) -> Batc
 
     None: the base is not consistent, or noise does not explain one of the bodies.
     """
-    iterations, moved = 0, np.inf
+    iterations, moved, lengths = 0, np.inf, _Lengths()
     while moved >= CONVERGED and iterations < MAX_PLAIN_STEPS:
         iterations += 1
         try:
             x, moved, information = plain_step(target, prior, x, x)
         except (EstimatorError, np.linalg.LinAlgError):
+            return None
+        if lengths.stagnate(moved):
             return None
     if moved >= CONVERGED or _unexplained(problem, x, information.covariance()):
         return None
@@ -118,7 +136,7 @@ def at_the_edge(
     Steps that do not settle return the start and None.
     """
     x = to_x(problem, to_theta(problem, start))
-    cost = _tried(target, prior, x)
+    cost, lengths = _tried(target, prior, x), _Lengths()
     for iterations in range(1, MAX_PLAIN_STEPS + 1):
         try:
             best, _, information = plain_step(target, prior, x, x)
@@ -133,6 +151,8 @@ def at_the_edge(
             if not outside:
                 return x, None
             return x, _solution(problem, target, prior, x, iterations, note)
+        if lengths.stagnate(float(np.sqrt(step @ step))):
+            break
         # re-weighted rows have their solution near the least cost, not at it
         most = cost + max(1.0, COST_RISE * cost)
         for halved in range(HALVINGS):

@@ -58,6 +58,16 @@ def fits_throughout(
     return True
 
 
+def lacks_more(blocks: Sequence[Block], others: Sequence[Block]) -> bool:
+    """Return whether a channel of one of the blocks is left out in the same one of `others`."""
+    return any(_channels(a) != _channels(b) for a, b in zip(blocks, others, strict=True))
+
+
+def _channels(block: Block) -> tuple[bytes, bool, bool, bool]:
+    inertial = block.has_gyro, block.has_accelerometer, block.has_attitude
+    return (block.has_joint.tobytes(), *inertial)
+
+
 def screened(config: Config, blocks: Sequence[Block]) -> list[Block]:
     """Return the blocks without the channels that the recursion of a flight would leave out."""
     estimator = build_online(config)

@@ -69,3 +69,6 @@ def test_stamps_in_another_unit_of_time_are_named_as_such():
     assert "1000 times too small" in rate_words("imu.rate_hz", 250.0, 2.5e5)
     assert "1e+06 times too small" in rate_words("imu.rate_hz", 250.0, 2.5e8)
     assert not rate_words("imu.rate_hz", 250.0, 125.0)
+    both = rate_words("imu.rate_hz", 500.0, 2.5e5)
+    assert "1000 times too small" in both
+    assert both.endswith("and set imu.rate_hz to 250")

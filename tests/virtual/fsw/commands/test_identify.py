@@ -2,11 +2,13 @@
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from fsw.__main__ import main
+from fsw.commands import identify as command
 from fsw.commands.identify import identify
 from fsw.config import load
 from fsw.estimators.batch import run
@@ -61,3 +63,26 @@ def test_a_result_that_cannot_be_written_is_one_line(flown, tmp_path, capsys):
     (*_, line) = capsys.readouterr().err.splitlines()
     assert "result.json cannot be written: No space left on device" in line
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("leaves_out", [False, True])
+def test_a_batch_is_solved_again_only_where_screening_has_left_something_out(
+    flown, monkeypatch: pytest.MonkeyPatch, leaves_out
+):
+    """Data that contradict the model in every window have nothing that could be left out."""
+    path, config = flown / "recording.mcap", load(flown / "flight.yaml")
+    solved = []
+
+    def counted(*arguments, **options):
+        solved.append(arguments)
+        return run.run_batch(*arguments, **options)
+
+    def screened(_config, blocks):
+        none = np.zeros_like(blocks[0].has_joint)
+        return [replace(blocks[0], has_joint=none) if leaves_out else blocks[0], *blocks[1:]]
+
+    monkeypatch.setattr(command, "run_batch", counted)
+    monkeypatch.setattr(command, "fits_throughout", lambda *_: False)
+    monkeypatch.setattr(command, "screened", screened)
+    identify(path, config, "mrnea", ())
+    assert len(solved) == 1 + leaves_out

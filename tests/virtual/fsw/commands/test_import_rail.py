@@ -103,3 +103,22 @@ def test_wrapped_angles_give_what_the_angles_themselves_give(tmp_path, capsys):
     assert wrapped["status"] == plain["status"] != "MODEL_MISMATCH"
     sigma = np.sqrt(np.diag(plain["covariance"]))
     assert np.abs((np.array(wrapped["mean"]) - plain["mean"]) / sigma).max() < 1e-3
+
+
+@pytest.mark.parametrize("unit", ["rad", "deg"])
+def test_degrees_that_pass_every_limit_of_speed_are_named(unit, tmp_path, capsys):
+    """An arm that creeps about 60 and 25 degrees; its URDF allows 9 rad."""
+    kinds = ("revolute", "revolute")
+    strong(tmp_path, kinds)
+    values = measured(tmp_path, 0.0)
+    values[:, 1] = 60.0 + np.sin(0.3 * T)
+    values[:, 2] = 25.0 + np.sin(0.5 * T)
+    rows = [",".join(map(repr, row)) for row in values.tolist()]
+    (tmp_path / "a.csv").write_text("\n".join(["t,q_j1,q_j2,tau_j1,tau_j2", *rows]) + "\n")
+    arm, told = Import(tmp_path, capsys), mapping(kinds)
+    told["joints"]["position"]["unit"] = unit
+    assert arm.table(tmp_path / "a.csv", told) == 0, arm.refused
+    limits = (
+        "the limits in robot.urdf are -9 to 9 rad; is the unit in the mapping right (rad or deg"
+    )
+    assert arm.said.count(limits) == (2 if unit == "rad" else 0)

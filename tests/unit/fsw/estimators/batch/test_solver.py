@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from fsw.estimators.batch.plain import MAX_PLAIN_STEPS, PATIENCE, gauss_newton, light
 from fsw.estimators.batch.solver import minimise
 from fsw.messages import FloatArray
 from tests.support.estimator_cases import make_problem
@@ -28,3 +29,22 @@ def test_where_plain_steps_have_settled_no_rows_are_asked_for_again() -> None:
     r = np.concatenate([seen, known.z]) - J @ solution.mean
     left = np.linalg.qr(J)[0].T @ r  # the step that is left [sigma]
     assert np.abs(left).max() < 1e-5
+
+
+def test_steps_that_swing_about_end_long_before_the_last_one() -> None:
+    """Rows that want another state at every step can never settle."""
+    problem = make_problem(("target",), biases=False)
+    sigma = np.sqrt(np.diag(problem.prior_covariance))
+    A = np.diag(1e4 / sigma)
+    asked = []
+
+    def rows(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        asked.append(x)
+        side = 1.0 if len(asked) % 2 else -1.0
+        return A, A @ (problem.prior_mean + side * 0.01 * sigma - x)
+
+    assert gauss_newton(problem, rows, problem.prior, problem.prior_mean)[1] is False
+    assert len(asked) <= PATIENCE + 2 < MAX_PLAIN_STEPS
+    asked.clear()
+    assert light(problem, rows, problem.prior, problem.prior_mean) is None
+    assert len(asked) <= PATIENCE + 2
