@@ -23,6 +23,7 @@ from itertools import islice
 import numpy as np
 
 from fsw.estimators.model.problem import Problem
+from fsw.estimators.model.state_groups import group_of, in_words
 from fsw.messages import FloatArray
 from fsw.messages.false_alarms import sigmas
 
@@ -87,9 +88,11 @@ class Creep:
     def words(self) -> str:
         """Return the change for an operator."""
         course = "is not as declared" if self.onset is None else "changes within the run"
+        group = group_of(self.name)
+        cure = "" if group is None else f"; correct it, or state its doubt by {group.key}"
         return (
-            f"{self.name} {course} ({self.sigmas:.1f} of its own sigma), which moves a body by "
-            f"{self.harm:.1f} sigma"
+            f"{in_words(self.name)} {course} ({self.sigmas:.1f} of its own sigma), which moves a "
+            f"body by {self.harm:.1f} sigma{cure}"
         )
 
 

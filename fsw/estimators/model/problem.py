@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.config import Config
+from fsw.config.joints import linear
 from fsw.estimators.effects.joint_torque import TorqueTerm
 from fsw.estimators.model.inertia import (
     PARAMETERS,
@@ -29,6 +30,7 @@ from fsw.estimators.model.state_groups import BY_NAME, group_of, in_words
 from fsw.estimators.model.walks import Walks
 from fsw.messages import FloatArray
 
+LINEAR_UNITS = {"rad": "m", "N m": "N"}  # of prismatic joints
 NO_STATES = slice(0, 0)
 MODE_REACH = 3.0  # sigmas of a mode's prior within which its states are kept
 IMPLAUSIBLE = 10.0  # sigmas from its prior at which a value of arm or calibration contradicts it
@@ -247,11 +249,14 @@ class Problem:
         name, sigmas = self.least_plausible(x)
         if sigmas <= CONSPICUOUS:
             return ""
-        group, k = BY_NAME[name.partition(".")[0]], self.names.index(name)
-        size = f"{x[k] - self.prior_mean[k]:+.3g} {group.unit}".rstrip()
+        (kind, _, label), k = name.partition("."), self.names.index(name)
+        unit, key = BY_NAME[kind].unit, BY_NAME[kind].key
+        if self.model.torque_units.get(label) == "N":  # of a prismatic joint
+            unit, key = LINEAR_UNITS.get(unit, unit), linear(key)
+        size = f"{x[k] - self.prior_mean[k]:+.3g} {unit}".rstrip()
         return (
             f"; {in_words(name)}: estimated {sigmas:.0f} sigma ({size}) from what is configured; "
-            f"correct it, or state its doubt by {group.key}"
+            f"correct it, or state its doubt by {key}"
         )
 
     def place_m(self, x: FloatArray) -> FloatArray:

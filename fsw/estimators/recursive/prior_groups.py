@@ -103,12 +103,20 @@ def widen(
 def in_words(found: Sequence[Widened]) -> str:
     """Return which groups of the prior the data contradict; empty: none."""
     words = [
-        f"{group.name} lies {group.sigmas:.1f} sigma (rms) from what is configured, whose sigma "
-        f"counts {group.factor:.1f} times as wide"
+        f"{_quantity(group.name)} lies {group.sigmas:.1f} sigma (rms) from what is configured, "
+        f"whose sigma counts {group.factor:.1f} times as wide"
         for group in found
     ]
-    cure = "correct the value, or state a wider sigma"
+    keys = dict.fromkeys(BY_NAME[own.name].key for own in found if own.name in BY_NAME)
+    cure = "correct the value, or state a wider sigma" + f" ({', '.join(keys)})" * bool(keys)
     return f"the data contradict the prior: {'; '.join(words)}; {cure}" if words else ""
+
+
+def _quantity(name: str) -> str:
+    """Return a group's name in words; the states of a known body or link have its name."""
+    if name in BY_NAME:
+        return BY_NAME[name].cause or BY_NAME[name].effect
+    return name if " of " in name else f"inertial data of {name}"
 
 
 def _distance(prior: Gaussian, estimate: Gaussian, k: IndexArray) -> tuple[float, float]:

@@ -87,3 +87,14 @@ def test_the_noise_of_a_force_is_in_newtons(config):
     found = noise.report(problem.model.torque_units, problem.model.n)["torque_noise"]
     assert {"declared_n", "sigma_n"} <= found[JOINT].keys()
     assert {"declared_nm", "sigma_nm"} <= found[0].keys()
+
+
+def test_an_implausible_zero_of_a_rail_is_in_metres(config):
+    joints = [joint.model_copy(update={"zero_sigma_rad": 1e-3}) for joint in config.joints]
+    problem = build_problem(config.model_copy(update={"joints": tuple(joints)}), robot_of(config))
+    x = problem.prior_mean.copy()
+    name = f"joint_zero.{config.joints[JOINT].name}"
+    x[problem.names.index(name)] += 1.0
+    text = problem.suspicion(x)
+    assert "(+1 m)" in text
+    assert "joints[].zero_sigma_m" in text

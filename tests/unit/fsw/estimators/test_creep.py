@@ -108,3 +108,10 @@ def test_the_worst_change_moves_a_body_most_beyond_what_noise_explains() -> None
     noise, clear = change("noise", 1.001 * NOTICED, 8.0), change("clear", 3.0 * NOTICED, 3.0)
     assert worst_change([noise, clear, change("harmless", 9.0 * NOTICED, 0.1)]) is clear
     assert worst_change([]) is None
+
+
+def test_a_change_is_named_in_words_with_its_key() -> None:
+    moved = np.zeros(STATES)
+    change = Creep(name="joint_zero.joint7", onset=0.2, sigmas=16.2, moved=moved, harm=30.3)
+    assert change.words().startswith("joint zeros (joint7) changes within the run (16.2")
+    assert change.words().endswith("state its doubt by joints[].zero_sigma_rad")

@@ -105,3 +105,13 @@ def test_words_name_the_quantity_its_size_and_what_to_do() -> None:
     assert "mass of target lies 3.0 sigma" in text
     assert "correct the value, or state a wider sigma" in text
     assert in_words([]) == ""
+
+
+def test_a_group_of_sensors_or_links_is_named_in_words_with_its_key() -> None:
+    def text(name: str) -> str:
+        return in_words([Widened(name=name, sigmas=78.2, factor=3.0, of_model=True)])
+
+    assert "joint zeros lies 78.2 sigma" in text("joint_zero")
+    assert "(joints[].zero_sigma_rad)" in text("joint_zero")
+    assert "inertial unit's place lies" in text("imu_place")
+    assert "inertial data of link3 lies" in text("link3")
