@@ -6,14 +6,12 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtri
 
-from fsw.commands.residuals import channel_residuals
+from fsw.commands.residuals import FALSE_ALARM, INDEPENDENT, channel_residuals
 from fsw.errors import ConfigError
 from fsw.estimators.model.problem import Problem
 from fsw.messages import Block, FloatArray
 
 NOISE_RATIO = 1.5  # accepted ratio of found noise to declared noise (from data sheets)
-FALSE_ALARM = 1e-4  # probability per channel that a correct model fails
-INDEPENDENT = 0.5  # share of nodes counted as independent: motion noise correlates a window's nodes
 DATA_SHARE = 0.5  # ratio of variance to prior variance; above it the prior says more than the data
 MEAN_SIGMAS = 4.0
 

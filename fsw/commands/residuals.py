@@ -6,6 +6,7 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtri
 
 from fsw.estimators.batch.run import with_noise_found
 from fsw.estimators.measurement.block_stack import BlockStack, stacks_of
@@ -16,6 +17,9 @@ from fsw.estimators.measurement.row_functions import MOST_BLOCKS
 from fsw.estimators.model.problem import Problem
 from fsw.messages import Block, FloatArray
 
+FALSE_ALARM = 1e-4  # probability per channel that a correct model is called wrong
+INDEPENDENT = 0.5  # share of nodes counted as independent: motion noise correlates a window's nodes
+WIDE = 1.2  # ratio of residuals to sigma that a user sees in a histogram and should know of
 SENSORS = (("specific_force", "m/s2"), ("rate", "rad/s"))
 
 
@@ -34,6 +38,21 @@ class ChannelResiduals:
         """Return the residuals divided by their sigmas (N, c)."""
         ratio: FloatArray = self.value / self.sigma
         return ratio
+
+    def wide(self) -> dict[str, float]:
+        """Return rms / sigma of the channels whose residuals scatter more than their sigma.
+
+        A channel of a correct model is among them with a probability of at most FALSE_ALARM.
+        """
+        squares, counts = self.normalised**2, np.isfinite(self.value).sum(axis=0)
+        found = {}
+        for name, square, count in zip(self.names, squares.T, counts, strict=True):
+            freedoms = max(1.0, INDEPENDENT * float(count))
+            bound = max(WIDE, float(np.sqrt(chdtri(freedoms, FALSE_ALARM) / freedoms)))
+            rms = float(np.sqrt(np.nansum(square) / max(count, 1)))
+            if rms > bound:
+                found[name] = rms
+        return found
 
 
 def channel_residuals(

@@ -18,6 +18,12 @@ def sections_of(collected: Collected) -> list[Section]:
     ]
 
 
+def valid_words(collected: Collected) -> str:
+    """Return the headline of a valid estimate, which names channels that are wider than noise."""
+    wide = () if collected.residuals is None else collected.residuals.wide()
+    return f"VALID, with residuals wider than declared: {', '.join(wide)}" if wide else "VALID"
+
+
 def view(collected: Collected) -> View:
     """Return the view of the report of a collected replay."""
     result, status = collected.result, collected.daemon
@@ -40,7 +46,7 @@ def view(collected: Collected) -> View:
         sections.insert(0, now(status, closed=not result.truncated))
     return View(
         title=f"{title}: {unknown} by {result.method}",
-        verdict=(f"NOT VALID: {', '.join(reasons)}" if reasons else "VALID") + until,
+        verdict=(f"NOT VALID: {', '.join(reasons)}" if reasons else valid_words(collected)) + until,
         valid=not reasons,
         sections=sections,
     )

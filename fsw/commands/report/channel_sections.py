@@ -66,7 +66,23 @@ def residuals(c: Collected) -> Section:
         "derivatives lies lower at low frequencies); the histogram follows the normal density."
     ]
     tables = [Table(head=head, rows=rows)]
+    text = [*wide_words(c), *text]
     return Section(title=title, text=text, tables=tables, charts=charts, in_rows_of=3)
+
+
+def wide_words(c: Collected) -> list[str]:
+    """Return a sentence on channels whose residuals are wider than their sigma; none: no sentence.
+
+    Correct channels get it once in ten thousand.
+    """
+    wide = {} if c.residuals is None else c.residuals.wide()
+    if not wide:
+        return []
+    named = ", ".join(f"{name} {rms:.2g} times" for name, rms in wide.items())
+    return [
+        f"WIDER THAN THEIR SIGMA: residuals of {named}. The noise is larger than declared, or the "
+        "model lacks something there: fsw check CONFIG RECORDING says which."
+    ]
 
 
 def _shapes(name: str, t_s: FloatArray, ratio: FloatArray) -> list[Chart]:

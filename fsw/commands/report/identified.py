@@ -11,7 +11,7 @@ import numpy as np
 from fsw.commands.identify import Evidence, noise_text
 from fsw.commands.report import channel_sections as channels
 from fsw.commands.report import estimate_sections as estimates
-from fsw.commands.report.build import sections_of
+from fsw.commands.report.build import sections_of, valid_words
 from fsw.commands.report.collect import Collected, collected_at
 from fsw.commands.report.page import page
 from fsw.commands.report.picture import write_png
@@ -76,6 +76,8 @@ def view(values: Mapping[str, Any], collected: Collected, recursive: Sequence[Es
     """Return the page of a batch result; `recursive`: estimates of the replay of its windows."""
     holdout = values.get("holdout")
     valid, verdict = judged(values["reasons"], None if holdout is None else holdout["passed"])
+    if valid:
+        verdict = verdict.replace("VALID", valid_words(collected), 1)
     result = estimates.result(collected)
     noise = noise_text(values)
     told = [*result.text, *noise, *([values["note"]] if values["note"] else [])]

@@ -33,6 +33,7 @@ MAX_BATCH = 4096  # frames per read, so that a babbling bus cannot block the loo
 QUEUE_FULL = (errno.EAGAIN, errno.ENOBUFS)
 UDP_MULTICAST = "udp_multicast"
 UDP_FRAMES = "udp_frames"  # datagrams hold struct can_frame: replaces SocketCAN on a bench
+NO_CAN = "this kernel has no CAN (SocketCAN); modprobe can_raw, or another interface"
 _Stamped = tuple[linux_can.Received, NDArray[np.int64]]  # datagrams, and the time of each
 LOCAL_HOP_LIMIT = 0  # udp_multicast stays on this machine
 
@@ -60,7 +61,9 @@ def open_can(bus: BusConfig, clock: Clock) -> FramePort:
     try:
         device = can.Bus(interface=interface, channel=bus.channel, **options)
     except (can.CanError, OSError, ValueError, ImportError, TypeError) as error:
-        raise PortError(f"{name}: cannot be opened: {error}") from error
+        none = isinstance(error, OSError) and error.errno == errno.EAFNOSUPPORT
+        words = NO_CAN if none else str(error)
+        raise PortError(f"{name}: cannot be opened: {words}") from error
     link, group = _socket_of(device, interface or "")
     if link is None:
         return CanPort(device, clock, name)

@@ -1,3 +1,5 @@
+import errno
+import os
 import socket
 import struct
 
@@ -182,3 +184,13 @@ def test_datagrams_that_are_no_frames_are_left_out_and_the_others_are_kept() -> 
     finally:
         port.close()
     assert [(f.can_id, f.data) for f in frames] == [(0x191, b"ab")]
+
+
+def test_a_kernel_without_can_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(**_options: object) -> None:
+        raise OSError(errno.EAFNOSUPPORT, os.strerror(errno.EAFNOSUPPORT))
+
+    monkeypatch.setattr(can, "Bus", refused)
+    bus = bus_config(interface="socketcan", channel="can0")
+    with pytest.raises(PortError, match=r"buses.arm .*: this kernel has no CAN .*modprobe can_raw"):
+        open_can(bus, MonotonicClock())
