@@ -33,6 +33,16 @@ def add_resumable(parser: argparse.ArgumentParser, kept: str) -> None:
     parser.add_argument("--json", action="store_true", dest="as_json", help="print one JSON object")
 
 
+def add_drawn(parser: argparse.ArgumentParser) -> None:
+    """Add the option of a study whose seeds follow from the commit."""
+    parser.add_argument(
+        "--seed",
+        type=seed,
+        metavar="K",
+        help="for development, below 1000; default: drawn from the commit's hash",
+    )
+
+
 def add_own(parser: argparse.ArgumentParser) -> None:
     """Add the options of a run with a configuration of the user's own."""
     parser.add_argument(

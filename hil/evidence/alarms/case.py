@@ -1,6 +1,5 @@
 """One clean flight, from samples or from bytes, and which checks failed it."""
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,10 +14,10 @@ from hil.evidence import seeds
 from hil.evidence.effects.samples import exact, noisy, rate_hz
 from hil.evidence.methods.flight_side import write_config
 from hil.evidence.methods.sensed import condition
+from hil.evidence.provenance import fresh_seed
 from hil.judge.outcome import outputs
 from hil.world.scenario import load
 
-FIRST_SEED = 1_000_000  # far above the seeds of development and of published evidence
 SAMPLES, BYTES = "samples", "bytes"
 EVENTS: Mapping[str, tuple[str, ...]] = {
     "change": ("CHANGE_DETECTED",),
@@ -46,8 +45,7 @@ class Case:
     @property
     def seed(self) -> int:
         """Return a seed that nobody could choose: it follows from the commit's hash."""
-        text = f"{self.commit} {self}".encode()
-        return FIRST_SEED + int.from_bytes(hashlib.sha256(text).digest()[:4], "big")
+        return fresh_seed(self.commit, self)
 
 
 def work(case: Case) -> dict[str, dict[str, Any]]:

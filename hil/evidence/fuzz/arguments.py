@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from hil.options import seed
+from hil.options import add_drawn
 
 COMMAND = "fuzz"
 HELP = "coverage-guided fuzzing of every byte parser"
@@ -14,7 +14,7 @@ FUNCTION = "hil.evidence.fuzz.command:run"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's options."""
     parser.add_argument("--inputs", type=float, default=1e7, metavar="N", help="in all, 1e7")
-    parser.add_argument("--seed", type=seed, default=0, metavar="K", help="of the mutations")
+    add_drawn(parser)
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="resumed from there")
     parser.add_argument("--keep", type=Path, metavar="DIR", help="copy a small corpus there")
     parser.add_argument("--only", default="", metavar="TARGET", help="all inputs for one target")

@@ -151,7 +151,7 @@ def run(
 
 def keep(folder: Path, kept: Path, most: int, most_bytes: int) -> None:
     """Copy at most `most` small files of each corpus, of all sizes, for regression tests."""
-    for target in TARGETS:
+    for target in sorted(path.name for path in (folder / "corpus").iterdir()):
         files = [(path.stat().st_size, path) for path in (folder / "corpus" / target).iterdir()]
         small = sorted(item for item in files if item[0] <= most_bytes)
         count = min(most, len(small))

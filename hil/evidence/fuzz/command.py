@@ -9,6 +9,7 @@ from hil.evidence.fuzz.campaign import keep as keep_corpus
 from hil.evidence.fuzz.campaign import run as guided
 from hil.evidence.fuzz.many import blocks, summary
 from hil.evidence.fuzz.table import TARGETS, quota
+from hil.evidence.provenance import seed_or_fresh
 from hil.evidence.store import Store
 from hil.evidence.terminal import bar
 from hil.world.scenario import ScenarioError
@@ -17,7 +18,7 @@ from hil.world.scenario import ScenarioError
 def run(
     *,
     inputs: float,
-    seed: int,
+    seed: int | None,
     out: Path,
     keep: Path | None,
     only: str,
@@ -35,11 +36,11 @@ def run(
     for way, chosen in (("--live", live), ("--random", random)):
         if chosen and only != "operations":
             raise ScenarioError(f"{way}: needs --only operations")
-    folder = out.absolute()
+    folder, number = out.absolute(), seed_or_fresh(seed, "fuzz")
     if live:
-        return _attack(int(inputs), folder, seed)
+        return _attack(int(inputs), folder, number)
     if random:
-        return _many(int(inputs), folder, seed)
+        return _many(int(inputs), folder, number)
     shares = quota(int(inputs), only)
     with bar() as progress:
         tasks = {name: progress.add_task(name, total=n) for name, n in shares.items()}
@@ -49,7 +50,7 @@ def run(
             if bout.failure:
                 progress.console.print(f"{bout.target}: {bout.failure}", markup=False)
 
-        result = guided(int(inputs), folder, seed, tell, only)
+        result = guided(int(inputs), folder, number, tell, only)
     if keep is not None:
         keep_corpus(folder, keep, most=24, most_bytes=2048)
     print(json.dumps(result))

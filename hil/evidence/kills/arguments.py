@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from hil.options import count, seed
+from hil.options import add_drawn, count
 
 COMMAND = "kills"
 HELP = "kill -9 of loop and service in a real-time run"
@@ -14,5 +14,5 @@ FUNCTION = "hil.evidence.kills.command:run"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's options."""
     parser.add_argument("--count", type=count, default=200, metavar="N", help="in all, 200")
-    parser.add_argument("--seed", type=seed, default=0, metavar="K", help="of instants and victims")
+    add_drawn(parser)
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="resumed from there")

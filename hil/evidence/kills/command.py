@@ -5,16 +5,18 @@ from pathlib import Path
 
 from hil.evidence.kills.campaign import run as kills
 from hil.evidence.kills.campaign import summary
+from hil.evidence.provenance import seed_or_fresh
 from hil.evidence.terminal import bar
 from hil.run.live import LiveError
 
 
-def run(*, count: int, seed: int, out: Path) -> int:
+def run(*, count: int, seed: int | None, out: Path) -> int:
     """Print the faults and the summary; return the exit code, 1 if anything was lost or late."""
     folder, failed = out.absolute(), False
+    number = seed_or_fresh(seed, "kills")
     with bar() as progress:
         task = progress.add_task("kills", total=count)
-        for kill in kills(count, folder, seed):
+        for kill in kills(count, folder, number):
             if isinstance(kill, LiveError):
                 progress.console.print(str(kill), markup=False)
                 failed = True
@@ -23,6 +25,6 @@ def run(*, count: int, seed: int, out: Path) -> int:
             for fault in (*kill.faults, *kill.late):
                 text = f"round {kill.round} kill {kill.number} ({kill.victim}): {fault}"
                 progress.console.print(text, markup=False)
-    result = summary(folder, seed)
+    result = summary(folder, number)
     print(json.dumps(result))
     return int(bool(failed or result["faults"] or result["late"]))

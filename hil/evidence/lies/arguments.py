@@ -2,7 +2,7 @@
 
 import argparse
 
-from hil.options import add_resumable, count, seed
+from hil.options import add_drawn, add_resumable, count
 
 SENSORS = ("torque", "encoder", "gyro", "accelerometer", "tracker")
 KINDS = ("gain", "zero", "drift", "delay")
@@ -27,10 +27,5 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--every", type=count, default=1, metavar="N", help="one of N lies, evenly chosen; all 200"
     )
-    parser.add_argument(
-        "--seed",
-        type=seed,
-        metavar="K",
-        help="for development, below 1000; default: drawn from the commit's hash",
-    )
+    add_drawn(parser)
     add_resumable(parser, "lies")

@@ -23,11 +23,11 @@ from hil.evidence.lies.table import Lie, drawn
 from hil.evidence.methods.flight_side import write_config
 from hil.evidence.methods.sensed import Channels, condition
 from hil.evidence.mistakes.run import leave_to_the_defaults
+from hil.evidence.provenance import DEVELOPMENT, fresh_seed
 from hil.judge.outcome import CONFIDENT, body_report, body_sigma, worst
 from hil.world import scenario
 from hil.world.inertia import FloatArray
 
-FIRST_SEED = 1_000_000  # above the seeds of development
 FLIGHTS = 2  # clean flights of each scenario and doubt
 REFUSED = ("MODEL_MISMATCH", "REOPENED", "NOT_CONSISTENT")  # false alarms of a clean flight
 STREAM = 151  # spawn key of the lies
@@ -52,10 +52,9 @@ class Case:
     @property
     def seed(self) -> int:
         """Return the seed of the flight."""
-        if self.draw.isdecimal() and int(self.draw) < 1000:
+        if self.draw.isdecimal() and int(self.draw) < DEVELOPMENT:
             return int(self.draw) + self.flight
-        text = f"{self.draw} {self.scenario} {self.flight}".encode()
-        return FIRST_SEED + int.from_bytes(hashlib.sha256(text).digest()[:4], "big")
+        return fresh_seed(self.draw, self.scenario, self.flight)
 
     @property
     def lie(self) -> Lie:

@@ -9,10 +9,9 @@ from hil.evidence import runner
 from hil.evidence.lies.arguments import DEFAULT, EXACT, KINDS, SENSORS
 from hil.evidence.lies.case import FLIGHTS, Case, work
 from hil.evidence.lies.table import every
-from hil.evidence.provenance import commit
+from hil.evidence.provenance import draw
 from hil.evidence.store import Row, Store
 from hil.evidence.terminal import print_table
-from hil.world.scenario import ScenarioError
 
 SCENARIOS = ("target_leo", "base", "both")
 TUMBLING = "tumbling_target"  # whose estimate needs the star tracker
@@ -33,13 +32,9 @@ def run(
     ------
     ScenarioError if the code has no commit of its own, or the folder holds another draw.
     """
-    draw = commit() if seed is None else str(seed)
-    if draw == "unknown" or draw.endswith("+"):
-        raise ScenarioError(f"lies: seeds follow from a commit; this code is {draw}; or use --seed")
-    if seed is not None and seed >= 1000:
-        raise ScenarioError(f"--seed {seed}: a seed of development is below 1000")
-    chosen = cases(draw, only)[::every]
-    store = Store(out, {"lies": "slow", "draw": draw})
+    own = draw(seed)
+    chosen = cases(own, only)[::every]
+    store = Store(out, {"lies": "slow", "draw": own})
     rows = runner.rows("lies", work, chosen, store, jobs)
     found = summary(rows)
     if as_json:

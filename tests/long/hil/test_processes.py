@@ -49,11 +49,11 @@ COMMANDS: dict[str, tuple[Callable[[Path], list[str]], tuple[str, ...]]] = {
         ("spawn_main",),
     ),
     "kills": (
-        lambda folder: [*HIL, "kills", "--out", str(folder)],
+        lambda folder: [*HIL, "kills", "--seed", "1", "--out", str(folder)],
         ("hil.devices", *DAEMON),
     ),
     "transfers": (
-        lambda folder: [*HIL, "transfers", "--out", str(folder)],
+        lambda folder: [*HIL, "transfers", "--seed", "1", "--out", str(folder)],
         (*DAEMON, "-m ground"),
     ),
     "study": (

@@ -5,8 +5,9 @@ from typing import Any, cast
 
 import pytest
 
-from hil.evidence.alarms.case import FIRST_SEED, SAMPLES, Case, by_estimate, by_event
+from hil.evidence.alarms.case import SAMPLES, Case, by_estimate, by_event
 from hil.evidence.alarms.command import STATED, line, summary
+from hil.evidence.provenance import FIRST_FRESH
 
 
 def test_the_interval_of_no_failure_is_the_rule_of_three() -> None:
@@ -22,7 +23,7 @@ def test_the_interval_of_no_failure_is_the_rule_of_three() -> None:
 def test_a_seed_follows_from_the_commit_and_the_flight() -> None:
     seeds = {Case(SAMPLES, "base", k, own).seed for k in range(50) for own in ("a1", "b2")}
     assert len(seeds) == 100
-    assert min(seeds) >= FIRST_SEED
+    assert min(seeds) >= FIRST_FRESH
     assert Case(SAMPLES, "base", 3, "a1").seed == Case(SAMPLES, "base", 3, "a1").seed
 
 
