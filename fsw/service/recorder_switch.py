@@ -47,11 +47,12 @@ class RecorderSwitch:
             return
         where, settings = self._config.resolve(directory), self._config.recorder
         parts = Parts(self._config, where, resume=resume)
-        writer = None
+        writer, failing = None, ""
         try:
             writer = parts.open()
         except OSError as error:
-            self._report("high", failure_code(error), f"{where}: {error.strerror or error}")
+            failing = f"{where}: {error.strerror or error}"
+            self._report("high", failure_code(error), failing)
         self._recordings += 1
         self.sink = RecorderSink(
             writer,
@@ -61,6 +62,7 @@ class RecorderSwitch:
             part_bytes=settings.part_bytes,
             part_s=settings.part_s,
         )
+        self.sink.failing = failing
 
     def close(self, dropped: int) -> None:
         """Close the recording, if any; `dropped`: number of messages lost in the rings."""

@@ -72,6 +72,7 @@ def test_a_recording_stops_at_the_reserve_and_loses_only_what_it_counts(arm, dis
     recorder = Recorder(arm, disk)
     recorder.feed(3000)
     assert recorder.told == ["DISK_FULL"]
+    assert "reserve" in recorder.sink.failing
     assert free_bytes(disk) > 0.9 * RESERVE_BYTES
     found = recorded(disk)
     assert found == list(range(len(found)))
@@ -82,6 +83,7 @@ def test_a_recording_stops_at_the_reserve_and_loses_only_what_it_counts(arm, dis
     recorder.feed(40)
     recorder.sink.close()
     assert recorder.told == ["DISK_FULL", "RECORDER_BACK"]
+    assert recorder.sink.failing == ""
     assert recorded(disk)[-1] == recorder.given - 1
 
 
