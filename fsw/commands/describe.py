@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from fsw.checks import budget
-from fsw.config import BaseConfig, BodyConfig, BusConfig, Config, JointConfig
+from fsw.config import BaseConfig, BodyConfig, BusConfig, Config
 from fsw.config.joints import minute_walk
-from fsw.drivers.layout.joints import ROLES_BY_NAME, JointLayout, layouts_of
+from fsw.drivers.layout.joints import in_words, layouts_of
 from fsw.estimators.model.inertia import PARAMETERS
 from fsw.estimators.model.modes import modal_inertia
 from fsw.estimators.model.problem import Problem
@@ -169,22 +169,9 @@ def _buses(config: Config) -> list[str]:
             f"{bus.sync}, {bus.rate_hz:g} Hz{counter}; worst-case load {share}; topic "
             f"/can/{bus.name}"
         )
-        described = [_signals(config.joints[i], own) for i, own in layouts.items()]
+        described = [f"  {in_words(config.joints[i], own)}" for i, own in layouts.items()]
         lines += described or [f"  nodes {', '.join(nodes) or 'none'}"]
     return lines
-
-
-def _signals(joint: JointConfig, layout: JointLayout) -> str:
-    """Return a line on what a described joint reads, with the SI value of a step of the number."""
-    read = "; ".join(
-        f"{name} {use.message.name}.{use.signal.name} (0x{use.message.identifier:x}) "
-        f"{use.signal.bits} bits, step {abs(use.signal.scale * use.factor):.4g}"
-        for name in joint.signals or {}
-        if (use := layout.use(ROLES_BY_NAME[name])) is not None
-    )
-    timing = joint.timing
-    by = "" if timing is None else f"; time by {timing.by}, sigma {timing.sigma_s or 0.0:g} s"
-    return f"  {joint.name}: {read}{by}"
 
 
 def _feed(config: Config, bus: BusConfig) -> list[str]:

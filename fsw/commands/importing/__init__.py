@@ -36,7 +36,9 @@ def import_recording(
         raise ConfigError(f"--out: {out} is read by this command; choose another name")
     progress(f"writing {out}")
     write(config, channels, out)
-    return [f"{c.topic}: {c.text}, from {c.source}" for c in channels]
+    return [
+        line for c in channels for line in (f"{c.topic}: {c.text}, from {c.source}", *c.details)
+    ]
 
 
 def write(config: Config, channels: Sequence[Channel], out: Path) -> None:

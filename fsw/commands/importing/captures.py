@@ -3,7 +3,7 @@
 import csv
 import io
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
@@ -17,6 +17,7 @@ from fsw.commands.importing.clock import (
     refuse_other_rate,
     refuse_other_size,
 )
+from fsw.commands.importing.decoded import decoded_lines
 from fsw.config import Config
 from fsw.drivers.codecs.canopen import COB_SYNC, COB_TPDO1, NODE_MASK
 from fsw.drivers.layout.joints import layouts_of
@@ -42,6 +43,7 @@ class Channel:
     t_ns: IntArray  # (k,), k > 0
     text: str  # describes the data for the user
     write: Callable[[RecordingWriter], None]
+    details: Sequence[str] = ()  # lines on what a description reads in it
 
 
 def can_capture(config: Config, bus: str, path: Path, channel: str | None, shift: int) -> Channel:
@@ -74,6 +76,7 @@ def can_capture(config: Config, bus: str, path: Path, channel: str | None, shift
         t_ns=t_ns,
         text="; ".join([words, *log.notes]),
         write=lambda writer: writer.traffic(CanTraffic(bus, frames)),
+        details=decoded_lines(config, config.buses[place], frames),
     )
 
 

@@ -90,6 +90,19 @@ def layouts_of(config: Config, bus: BusConfig) -> dict[int, JointLayout]:
     return found
 
 
+def in_words(joint: JointConfig, layout: JointLayout) -> str:
+    """Return what a joint reads, with the SI value of a step of each number, and its timing."""
+    read = "; ".join(
+        f"{name} {use.message.name}.{use.signal.name} (0x{use.message.identifier:x}) "
+        f"{use.signal.bits} bits {use.signal.number}, step {abs(use.signal.scale * use.factor):.4g}"
+        for name in joint.signals or {}
+        if (use := layout.use(ROLES_BY_NAME[name])) is not None
+    )
+    timing = joint.timing
+    by = "" if timing is None else f"; time by {timing.by}, sigma {timing.sigma_s or 0.0:g} s"
+    return f"{joint.name}: {read}{by}"
+
+
 def torque_steps_nm(config: Config) -> list[float]:
     """Return the resolution of every joint's torque on the wire [N m]."""
     layouts = {i: own for bus in config.buses for i, own in layouts_of(config, bus).items()}

@@ -1,0 +1,57 @@
+"""What a description reads in the frames of a log: signals, samples, and what is left out."""
+
+import numpy as np
+
+from fsw.config import BusConfig, Config
+from fsw.drivers.codecs.canopen import COB_SYNC
+from fsw.drivers.layout.joints import in_words, layouts_of
+from fsw.drivers.sources.described import DescribedBusSource
+from fsw.drivers.wire import EFF_MASK, FrameArray
+
+LISTED = 8  # identifiers in one line
+
+
+def decoded_lines(config: Config, bus: BusConfig, frames: FrameArray) -> list[str]:
+    """Return a line for each described joint, and one for the frames that no description names."""
+    layouts = layouts_of(config, bus)
+    if not layouts:
+        return []
+    source = DescribedBusSource(bus, [(i, config.joints[i]) for i in layouts], layouts)
+    source.feed(frames)
+    counts = source.joint_counters
+    lines = [
+        f"  {in_words(config.joints[i], layout)}: {_samples(counts[i])}"
+        for i, layout in layouts.items()
+    ]
+    together = source.counters
+    lines += [
+        f"  {together[key]} samples {words}"
+        for key, words in (
+            ("torque_unusable", "without their torque"),
+            ("incomplete", "left out: their position did not come in time"),
+        )
+        if together[key]
+    ]
+    return [*lines, *_others(source.words, frames)]
+
+
+def _samples(counts: dict[str, int]) -> str:
+    """Return the number of samples, and why others are left out."""
+    out = [
+        f"{value} {key.removeprefix('reject_')}"
+        for key, value in counts.items()
+        if value and (key == "lost" or key.startswith("reject_"))
+    ]
+    return f"{counts['accepted']} samples{'; left out: ' * bool(out)}{', '.join(out)}"
+
+
+def _others(words: list[int], frames: FrameArray) -> list[str]:
+    """Return a line on the frames that are not described, the most frequent first."""
+    rest = frames["word"][~np.isin(frames["word"], [*words, COB_SYNC])]
+    if not rest.size:
+        return []
+    found, counts = np.unique(rest, return_counts=True)
+    order = np.argsort(-counts, kind="stable")
+    listed = ", ".join(f"0x{found[k] & EFF_MASK:x} ({counts[k]})" for k in order[:LISTED])
+    more = f" and {len(found) - LISTED} more" if len(found) > LISTED else ""
+    return [f"  not described: {len(rest)} frames of {listed}{more}"]
