@@ -223,7 +223,7 @@ def to_text(result: Mapping[str, Any]) -> str:
     lines = [f"{result['method']}, unknown {', '.join(result['unknown'])}: {state}"]
     if {"NOT_CONVERGED", "MODEL_MISMATCH", "PRIOR_CONFLICT"}.intersection(result["reasons"]):
         lines.append("to find why: fsw check CONFIG RECORDING names the usual mistakes")
-    if "INSUFFICIENT_EXCITATION" in result["reasons"]:
+    if "INSUFFICIENT_EXCITATION" in result["reasons"] and "TOO_FEW_BLOCKS" not in result["reasons"]:
         lines.append("the motion does not show every parameter: fsw excite plans one that does")
     if result.get("note"):
         lines.append(f"note: {result['note']}")

@@ -278,6 +278,7 @@ def replay(
         events=tuple(collector.events),
         start_ns=start_ns,
         duration_s=(feed.now_ns - start_ns) * 1e-9,
+        least_windows=config.estimator.settle_blocks,
     )
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from fsw.commands.unused import unused_lines
 from fsw.estimators import parameter_verdicts
+from fsw.estimators.few_windows import too_few
 from fsw.exchange.status import estimate_summary
 from fsw.messages import Estimate, Event
 
@@ -30,6 +31,7 @@ class ReplayResult:
     events: Sequence[Event] = ()
     start_ns: int = 0  # first message of the replayed part
     duration_s: float = 0.0  # of the replayed part
+    least_windows: int = 0  # that a valid estimate needs
 
     def cut_off(self) -> str:
         """Return the warning for a recording that is `truncated`."""
@@ -82,6 +84,8 @@ class ReplayResult:
         values = self.to_json()
         state = in_words(values["reasons"])
         lines = [f"{self.method}, unknown {', '.join(self.unknown)}: {state}"]
+        if "TOO_FEW_BLOCKS" in values["reasons"] and self.estimate is not None:
+            lines.append(too_few(self.estimate.blocks, self.least_windows))
         for body, estimate in values["estimate"].items():
             for key, mean in estimate.items():
                 sigma = values["sigma"][body][key]

@@ -43,3 +43,11 @@ def in_words(windows: int, doubt: float) -> str:
         return ""
     wider = f"{doubt**0.5:.2g} times as wide (Student)"
     return f"only {windows} windows show the noise of the joints: its sigma counts {wider}"
+
+
+def too_few(windows: int, least: int) -> str:
+    """Return that a result needs more windows; empty: there are enough."""
+    if windows >= least:
+        return ""
+    needs = f"a result needs {least} (estimator.settle_blocks)"
+    return f"{windows} windows are used; {needs}: record longer"

@@ -30,6 +30,7 @@ from fsw.estimators.batch.solver import (
     regress,
     straighten,
 )
+from fsw.estimators.few_windows import too_few
 from fsw.estimators.measurement.first_rate import at_first_rate
 from fsw.estimators.measurement.mrnea import Rows
 from fsw.estimators.measurement.row_functions import (
@@ -178,10 +179,12 @@ def _run(
     made = {name: body_estimate(problem, name, found.mean, covariance) for name in problem.unknown}
     bodies = {name: body for name, (body, _) in made.items()}
     condition = found.solution.information.scaled_condition_number()
+    count = len(sound if found.failed.misfit else found.used)
+    few = too_few(count, settings.settle_blocks)
     against = reasons(
         replace(
             found.failed,
-            few_blocks=len(sound if found.failed.misfit else found.used) < settings.settle_blocks,
+            few_blocks=bool(few),
             mismatch=found.failed.mismatch or bool(unpredicted),
             displaced=is_displaced([distance for _, distance in made.values()]),
             not_excited=found.failed.not_excited or condition > settings.condition_limit,
@@ -194,7 +197,7 @@ def _run(
         "status": next(iter(against), "OK"),
         "reasons": list(against),
         "biased": found.biased,
-        "note": "; ".join(filter(None, (unpredicted, found.note))),
+        "note": "; ".join(filter(None, (few, unpredicted, found.note))),
         "iterations": found.solution.iterations,
         "cost": found.solution.cost,
         "rows": sum(map(len, found.residuals)),

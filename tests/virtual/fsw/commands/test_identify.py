@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
 
 from fsw.__main__ import main
 from fsw.commands import identify as command
@@ -27,6 +28,23 @@ def test_what_fits_throughout_needs_no_recursion(flown, monkeypatch: pytest.Monk
     del alone["wall_s"], beside["wall_s"]
     assert alone == beside
     assert alone["status"] == "OK"
+
+
+def test_one_window_too_few_is_said_of_the_number_of_windows(flown, tmp_path, capsys):
+    """Not of the motion, which is the same as in the test before."""
+    recording, data = flown / "recording.mcap", yaml.safe_load((flown / "flight.yaml").read_text())
+    least = identify(recording, load(flown / "flight.yaml"), "rda", ())
+    count = round(least["duration_s"] / data["estimator"]["window_s"])
+    data["estimator"]["settle_blocks"] = count + 1
+    data["robot"]["urdf"] = str(flown / data["robot"]["urdf"])
+    path = tmp_path / "robot.yaml"
+    path.write_text(yaml.safe_dump(data))
+    for command in (["identify", "--method", "rda"], ["replay"]):
+        main([command[0], str(recording), "--config", str(path), *command[1:]])
+        said = capsys.readouterr().out
+        assert "TOO_FEW_BLOCKS" in said
+        assert f"windows are used; a result needs {count + 1} (estimator.settle_blocks)" in said
+        assert "motion does not show" not in said
 
 
 def test_a_warm_start_from_some_blocks_ends_at_the_same_estimate(
