@@ -306,10 +306,14 @@ class JointConfig(Section):
         return self
 
     @property
+    def stamp_sigma_s(self) -> float:
+        """1 sigma of the error of one sample's time."""
+        return 0.0 if self.timing is None else self.timing.sigma_s or 0.0
+
+    @property
     def position_sigma_rad(self) -> float:
-        """1 sigma of one position sample, with the error of its time at half the speed limit."""
-        stamp_s = 0.0 if self.timing is None else self.timing.sigma_s or 0.0
-        return hypot(self.position_noise_rad, 0.5 * self.speed_limit_rad_s * stamp_s)
+        """1 sigma of one position sample of a planned motion, at half the speed limit."""
+        return hypot(self.position_noise_rad, 0.5 * self.speed_limit_rad_s * self.stamp_sigma_s)
 
     @property
     def speed_only(self) -> bool:

@@ -75,8 +75,11 @@ class ArmConditioner:
         noisy = any(joint.position_sigma_rad > ANGLE_NOISE_RAD for joint in joints)
         self._orders = (1, 2, 0) if noisy or self.speeds.own else (1, 2)
         self._position_sigma = np.array(
-            [joint.speed_noise_rad_s or joint.position_sigma_rad for joint in joints]
+            [joint.speed_noise_rad_s or joint.position_noise_rad for joint in joints]
         )
+        self._stamp_s = np.array([joint.stamp_sigma_s for joint in joints])
+        fastest = self._stamp_s * [joint.speed_limit_rad_s for joint in joints]
+        self._position_gate = np.hypot(self._position_sigma, fastest)
         self._torque_sigma = np.array([joint.torque_noise_nm for joint in joints])
         self._coulomb_nm = np.array([joint.friction_coulomb_sigma_nm for joint in joints])
         self._speed_rad_s = np.array([joint.friction_speed_rad_s for joint in joints])
@@ -112,7 +115,7 @@ class ArmConditioner:
                 own = [k for k in joints if (k in self.speeds.own) == is_speed]
                 if own:
                     part = values[:, [2 * joints.index(k) for k in own]]
-                    sigmas = self._position_sigma[own]
+                    sigmas = self._position_gate[own]
                     found.append((Wanted(instants, part, sigmas, degree, orders), own, True))
             force = Wanted(
                 instants,
@@ -173,13 +176,15 @@ class ArmConditioner:
         fits = [position.fit for position in positions if position.fit is not None]
         motion = np.concatenate([position.values for position in positions], axis=1)
         sigmas, of_speed = self._position_sigma, self.speeds.own
+        # an error of the time is one of the position by as much as the joint moves meanwhile
+        moving = np.hypot(sigmas, self._stamp_s * np.sqrt(np.mean(motion[m : 2 * m] ** 2, axis=0)))
         is_resting = np.zeros(n, np.bool_)
         cov_joint = np.empty((n, len(self._orders) * m, len(self._orders) * m))
         for fit in dict.fromkeys(fits):
             own = np.array([k for k in range(n) if fits[k] is fit])
             is_speed = own[0] in of_speed  # joints with and without positions share no fit
             orders = tuple(order - is_speed for order in self._orders)
-            cov_joint[own] = sigmas[own, None, None] ** 2 * fit.covariance(orders, 1.0)
+            cov_joint[own] = moving[own, None, None] ** 2 * fit.covariance(orders, 1.0)
             if is_speed:
                 continue
             white = fit.whitener((1, 2)) @ motion[m:, own]

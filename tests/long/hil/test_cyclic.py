@@ -38,7 +38,6 @@ def flown(folder: Path, seed: int, *, real_time: bool = False) -> dict[str, Any]
 def test_the_target_is_found_by_drives_without_sync(tmp_path):
     outcomes = [flown(tmp_path, seed) for seed in SEEDS]
     assert all(outcome["valid"] for outcome in outcomes), [o["reason"] for o in outcomes]
-    # sigma counts the error of the stamps at half the speed limit, so it is rather too large
     assert np.mean([outcome["nees"] for outcome in outcomes]) < TOP_999
 
 
