@@ -7,6 +7,8 @@ from typing import Any
 from fsw.config import Config
 from fsw.errors import ConfigError
 
+WRONG = "WRONG: "
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
@@ -24,7 +26,7 @@ class Comparison:
 
     def text(self) -> str:
         """Return the comparison as a line of text."""
-        verdict = f"WRONG: {self.wrong}" if self.wrong else self.note or "fits"
+        verdict = f"{WRONG}{self.wrong}" if self.wrong else self.note or "fits"
         return f"{self.key}: declared {self.declared:.3g}, found {self.found:.3g}; {verdict}"
 
 

@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 
 from scipy.optimize import minimize_scalar
 
-from fsw.checks.mistakes import Mistake, usual_mistakes
+from fsw.checks.mistake import SHIFTS_S, Mistake
+from fsw.checks.mistakes import usual_mistakes
 from fsw.checks.mounting import (
     contradicted,
     mounting_words,
@@ -38,10 +39,9 @@ FREED, FREED_M = 30.0, 3.0  # sigma of a freed base: ratio for mass and inertia;
 FREED_ITERATIONS = 60
 FEW_PLACES, FEW_ITERATIONS = 3, 5  # at which all mistakes are compared ...
 CANDIDATES = 8  # ... of which the best ones are tried at all places
-_HALF_S = (0.02, 0.1, 0.25, 0.5, 0.75, 1.0)
-SIZES_S = (*(-size for size in _HALF_S[::-1]), 0.0, *_HALF_S)  # first sizes tried of a shift
 LEAST_OFFSET_S, OFFSET_GAIN = 4e-3, 60.0  # least shift of a clock, and of the squared residuals
-SIZE_TOLERANCE_S, SIZINGS = 2e-4, 15  # of the search for the best size
+SIZE_TOLERANCE, SIZINGS = 2e-4, 15  # of the search for the best size ...
+FEW_SIZINGS = 8  # ... and before the best mistakes are chosen
 UNFIT = 1e30  # stands for no fit in that search
 
 
@@ -70,7 +70,7 @@ class _Tried:
     @property
     def text(self) -> str:
         """The words of the mistake, with its size."""
-        return self.mistake.text.format(size=f"{self.size:+.4f}")
+        return self.mistake.words(self.size)
 
 
 def explain_residuals(
@@ -142,7 +142,7 @@ def _small_offset(trial: Trial, fit: Fit) -> list[str]:
 
     The squared residuals of a correct configuration fall by about 1 if a shift is freed.
     """
-    shifts = [_sized(own, trial) for own in usual_mistakes(trial) if own.sized]
+    shifts = [_sized(own, trial) for own in usual_mistakes(trial) if own.sizes is SHIFTS_S]
     best = min(shifts, key=lambda own: own.level, default=None)
     if best is None or abs(best.size) < LEAST_OFFSET_S:
         return []
@@ -166,40 +166,48 @@ def _tried(trial: Trial, level: float, progress: Callable[[str], None]) -> tuple
     """
     mistakes, few = usual_mistakes(trial), trial.thinned(FEW_PLACES)
     progress(f"residuals {level**0.5:.3g} times the noise: trying {len(mistakes)} mistakes")
-    screened = list[_Tried]()
+    screened: list[tuple[float, Mistake, float]] = []  # level, and the first size of the search
     for count, mistake in enumerate(mistakes, 1):
-        sizes = SIZES_S if mistake.sized else (0.0,)
-        screened += [_without(mistake, few, size, FEW_ITERATIONS) for size in sizes]
+        tried = [_without(mistake, few, size, FEW_ITERATIONS) for size in mistake.sizes or (0.0,)]
+        best = min(tried, key=lambda own: own.level)
+        start = best.size
+        if mistake.sizes:  # between two sizes the level may be far below that of both
+            best = _sized(mistake, few, start, FEW_ITERATIONS, FEW_SIZINGS)
+        screened.append((best.level, mistake, start))
         if count % SHOWN == 0:
             progress(f"{count} of {len(mistakes)} tried")
-    best: dict[Mistake, float] = {}  # the sizes that fit best
-    for own in sorted(screened, key=lambda own: own.level):
-        best.setdefault(own.mistake, own.size)
-    chosen = [*best.items()][:CANDIDATES]
+    chosen = sorted(screened, key=lambda own: own[0])[:CANDIDATES]
     return len(mistakes), [
-        _sized(own, trial, size) if own.sized else _without(own, trial) for own, size in chosen
+        _sized(own, trial, start) if own.sizes else _without(own, trial) for _, own, start in chosen
     ]
 
 
 def _without(
     mistake: Mistake, trial: Trial, size: float = 0.0, iterations: int = ITERATIONS
 ) -> _Tried:
-    changed = mistake.change(trial, size) if mistake.sized else mistake.change(trial)
+    changed = mistake.change(trial, size) if mistake.sizes else mistake.change(trial)
     level = changed.fit(iterations).level
     return _Tried(mistake=mistake, size=size, level=level, trial=changed)
 
 
-def _sized(mistake: Mistake, trial: Trial, start: float = 0.0) -> _Tried:
-    """Return the trial without a mistake of the size, near `start` of SIZES_S, that fits best."""
-    near = min(max(1, SIZES_S.index(start)), len(SIZES_S) - 2)
-    tried = [_without(mistake, trial, start)]
+def _sized(
+    mistake: Mistake,
+    trial: Trial,
+    start: float = 0.0,
+    iterations: int = ITERATIONS,
+    sizings: int = SIZINGS,
+) -> _Tried:
+    """Return the trial without a mistake of the size, near `start` of its sizes, that fits best."""
+    sizes = mistake.sizes
+    near = min(max(1, sizes.index(start)), len(sizes) - 2)
+    tried = [_without(mistake, trial, start, iterations)]
 
     def level(size: float) -> float:
-        tried.append(_without(mistake, trial, size))
+        tried.append(_without(mistake, trial, size, iterations))
         return min(tried[-1].level, UNFIT)
 
-    bounds = SIZES_S[near - 1], SIZES_S[near + 1]
-    minimize_scalar(level, bounds=bounds, options={"xatol": SIZE_TOLERANCE_S, "maxiter": SIZINGS})
+    bounds = sizes[near - 1], sizes[near + 1]
+    minimize_scalar(level, bounds=bounds, options={"xatol": SIZE_TOLERANCE, "maxiter": sizings})
     return min(tried, key=lambda own: own.level)
 
 

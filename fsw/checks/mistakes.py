@@ -1,10 +1,9 @@
 """The usual mistakes of a configuration or of a source: one declaration each.
 
-A mistake has the text that names key and cure, and a change of a `Trial` that undoes the mistake.
+Those of the description of joints are in `mistakes_of_wires.py`.
 """
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from functools import partial
 from itertools import combinations, permutations, product
 from math import degrees, radians
@@ -13,8 +12,11 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
+from fsw.checks.mistake import SHIFTS_S, Mistake
+from fsw.checks.mistakes_of_wires import described_units
 from fsw.checks.trial import ACCELEROMETER, GYRO, Trial
-from fsw.config import Config
+from fsw.config import Config, JointConfig
+from fsw.config.joints import GAIN_OF_CURRENT, LOAD_OF_CURRENT, OF_MOTOR_CURRENT
 from fsw.drivers.codecs.imu_datagram import STANDARD_GRAVITY_M_S2
 from fsw.estimators.rotation import rotation_from_xyzw
 from fsw.messages import FloatArray
@@ -24,18 +26,6 @@ FRICTION_SHARE = 0.3  # prior sigma of undeclared friction over the rms torque
 LEAST_SPEED = 1e-3  # [rad/s or m/s] of the mean speed at which viscous friction may be as large
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Mistake:
-    """A possible mistake; `change` returns a trial as it would be without the mistake.
-
-    `size`: the unit of `{size}` in the text, whose value is to be found; empty: it has no size.
-    """
-
-    text: str
-    change: Callable[..., Trial]
-    sized: bool = False  # whether `change` takes a size, which is to be found
-
-
 def usual_mistakes(trial: Trial) -> list[Mistake]:
     """Return the mistakes to try for a configuration and its recorded sources."""
     config = trial.config
@@ -43,9 +33,11 @@ def usual_mistakes(trial: Trial) -> list[Mistake]:
         *_signs(config),
         *_exchanges(config),
         *_units(config),
+        *described_units(config),
         *_clocks(config),
         *_gravity(config),
         *_friction(config),
+        *_motors(config),
         *_wrenches(config),
         *(_mountings(config) if config.imu.present else ()),
         *(_axes() if config.imu.present else ()),
@@ -95,8 +87,7 @@ def _exchanges(config: Config) -> Iterator[Mistake]:
         places = list(range(len(joints)))
         places[i], places[k] = k, i
         names = f"({joints[i].name}, {joints[k].name})"
-        is_feed = joints[i].node_id is None or joints[k].node_id is None
-        key = "" if is_feed else ".node_id"  # a feed's values stand in the order of the joints
+        key = _identity(joints[i], joints[k])
         yield Mistake(
             text=f"joints.{i}{key} and joints.{k}{key} {names}: swapped",
             change=partial(Trial.reread, positions_of=places, torques_of=places),
@@ -111,6 +102,13 @@ def _exchanges(config: Config) -> Iterator[Mistake]:
             "are not; look at the columns of the positions",
             change=partial(Trial.reread, positions_of=places),
         )
+
+
+def _identity(*joints: JointConfig) -> str:
+    """Return the key that says which device a joint is; empty: its place in the list, of a feed."""
+    if all(joint.driver == "described" for joint in joints):
+        return ".signals"
+    return "" if any(joint.node_id is None for joint in joints) else ".node_id"
 
 
 def _units(config: Config) -> Iterator[Mistake]:
@@ -152,6 +150,11 @@ def _clocks(config: Config) -> Iterator[Mistake]:
         own = [f"joints.{k}" for k, joint in enumerate(config.joints) if joint.bus == bus.name]
         if own:
             sources[f"bus {bus.name}"] = own
+    periods_s = {
+        f"bus {bus.name}": 1.0 / bus.rate_hz
+        for bus in config.buses
+        if any(joint.bus == bus.name and joint.driver == "described" for joint in config.joints)
+    }
     if len(sources) < 2:
         sources = {}
     elif len(config.buses) == 1:
@@ -161,14 +164,16 @@ def _clocks(config: Config) -> Iterator[Mistake]:
             text=f"{name}: its clock differs from that of the other sources: add {{size}} s to its "
             f"stamps (fsw import --shift {name.rpartition(' ')[2]}={{size}}), or correct its delay",
             change=partial(_shifted, channels=channels),
-            sized=True,
+            sizes=SHIFTS_S,
+            periods_s=periods_s,
         )
     if config.joints:
         yield Mistake(
             text="joints: stamps of torques and positions differ, add {size} s to those of the "
             "torques; are they recorded by two sources, or filtered?",
             change=torques_shifted,
-            sized=True,
+            sizes=SHIFTS_S,
+            periods_s=periods_s,
         )
 
 
@@ -225,6 +230,29 @@ def _friction_keys(config: Config) -> list[str]:
     """Return the keys of friction that the joints have in their configuration."""
     values = dict.fromkeys(("friction_coulomb_sigma_nm", "friction_viscous_sigma_nms_rad"))
     return list(dict.fromkeys(key for joint in config.joints for key in joint.named(values)))
+
+
+def _motors(config: Config) -> Iterator[Mistake]:
+    bare = [k for k, j in enumerate(config.joints) if j.torque == "link_side"]
+    if any(not config.joints[k].rotor_inertia_sigma_kg_m2 for k in bare):
+        yield Mistake(
+            text="joints: the torques are those of the motors, not of the links; set torque: "
+            "motor_current",
+            change=partial(_as_of_motors, places=bare),
+        )
+
+
+def _as_of_motors(trial: Trial, places: Sequence[int]) -> Trial:
+    """Return the trial with the wide priors of what stands between motor and link."""
+    joints = list(trial.config.joints)
+    for k in places:
+        wide = {key: share * joints[k].torque_limit_nm for key, share in OF_MOTOR_CURRENT.items()}
+        wide |= {
+            "friction_load_sigma_ratio": LOAD_OF_CURRENT,
+            "torque_scale_sigma_ratio": GAIN_OF_CURRENT,
+        }
+        joints[k] = joints[k].model_copy(update={**wide, "torque": "motor_current"})
+    return trial.configured(joints=tuple(joints))
 
 
 def _rubs(config: Config, k: int) -> bool:

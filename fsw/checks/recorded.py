@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from fsw.checks.comparison import Comparison
+from fsw.checks.comparison import WRONG, Comparison
 from fsw.checks.noise import noise_findings
 from fsw.checks.trial import joined, unwrapped
 from fsw.config import Config
@@ -26,7 +26,6 @@ LIMITS = {  # keys of a joint's limits, and other units of readings, by its kind
     "prismatic": ("force_limit_n, speed_limit_m_s", "mN, mm"),
 }
 WIDE = 3000.0  # factor on limits that accepts readings in any unit: 57, 1000
-WRONG = "WRONG: "
 MISSING = 0.2  # accepted share of samples without a torque
 TURNED_RAD = 1e-3  # least rotation between two solutions that shows the sense of rotation
 SENSE_RATIO = 0.3  # another sense is correct if its residual is smaller by this ratio
@@ -61,17 +60,19 @@ def data_findings(
     windows: Sequence[Window],
     counts: Mapping[str, Mapping[str, int]],
     lasted_s: float,
+    by_frames: Sequence[Comparison] = (),
 ) -> DataFindings:
     """Return the findings in windows.
 
-    `counts`: number of samples by source, as in the status; `lasted_s`: length of the recording.
+    `counts`: number of samples by source, as in the status; `lasted_s`: length of the recording;
+    `by_frames`: rates of buses that their frames show.
     """
     if not windows:
         return DataFindings()
     even, poses = unwrapped(config, windows), poses_count(windows)
     received = counts.get(IMU, {"received": 0})["received"]
     return DataFindings(
-        rates=rate_findings(config, windows, received / lasted_s),
+        rates=rate_findings(config, windows, received / lasted_s, by_frames),
         noise=() if poses else noise_findings(config, even),
         samples=sample_findings(config, windows),
         poses=poses,
@@ -121,18 +122,27 @@ def with_wide_limits(config: Config) -> Config:
 
 
 def rate_findings(
-    config: Config, windows: Sequence[Window], received_hz: float
+    config: Config,
+    windows: Sequence[Window],
+    received_hz: float,
+    by_frames: Sequence[Comparison] = (),
 ) -> list[Comparison]:
     """Return a finding for the rate of each channel, from the median step between samples.
+
+    Samples that are counted by the declared rate cannot show it; `by_frames` is used instead.
 
     If inertial datagrams are received at a far higher rate than declared, `received_hz`, this is
     the rate found, because samples between the declared ones are rejected. `windows` is not empty.
     """
     found = []
+    known = {own.key: own for own in by_frames}
     for i, bus in enumerate(config.buses):
+        if (key := f"buses.{i}.rate_hz") in known:
+            found.append(known[key])
+            continue
         members = [k for k, joint in enumerate(config.joints) if joint.bus == bus.name]
         channels = [window.joints[k] for window in windows for k in members]
-        found.append(_rate(f"buses.{i}.rate_hz", bus.rate_hz, channels))
+        found.append(_rate(key, bus.rate_hz, channels))
     imu = config.imu
     if imu.present:
         accepted = _rate("imu.rate_hz", imu.rate_hz, [window.gyro for window in windows])

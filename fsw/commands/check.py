@@ -12,6 +12,7 @@ from fsw.commands.describe import describe
 from fsw.commands.progress import Progress
 from fsw.config import Config
 from fsw.errors import ConfigError
+from fsw.estimators.model.problem import Problem
 from fsw.excitation.effects import told
 
 YAML_ENDINGS = (".yaml", ".yml")
@@ -26,10 +27,7 @@ def check(config: Config, other: Path | None) -> tuple[str, bool]:
     """
     problem, warnings = validate(config)
     if other is not None and other.suffix not in YAML_ENDINGS:
-        from fsw.commands.check_recording import check_recording
-
-        with Progress("check") as progress:
-            lines, agree = check_recording(other, config, problem, progress)
+        lines, agree = _judged(other, config, problem)
         verdict = "agree" if agree else "do not agree; see the lines with WRONG"
         return "\n".join([*lines, f"{other} and {config.name} {verdict}"]), agree
     validate_outputs(config)
@@ -52,6 +50,20 @@ def check(config: Config, other: Path | None) -> tuple[str, bool]:
     if other is not None:
         lines += check_motion(config, other)
     return "\n".join(lines), True
+
+
+def _judged(other: Path, config: Config, problem: Problem) -> tuple[list[str], bool]:
+    """Return one line for each finding in a recording or a CAN log, and whether the data agree."""
+    from fsw.commands.check_log import as_recording, frame_findings, is_log, lacking
+    from fsw.commands.check_recording import check_recording
+
+    with Progress("check") as progress:
+        if not is_log(other):
+            return check_recording(other, config, problem, progress)
+        if lacking(config):
+            return frame_findings(other, config)
+        with as_recording(other, config) as recording:
+            return check_recording(recording, config, problem, progress)
 
 
 @contextmanager

@@ -1,14 +1,13 @@
 """`fsw check CONFIG RECORDING`: compare a configuration with the data of a recording."""
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from fsw.checks.comparison import with_found
+from fsw.checks.comparison import WRONG, Comparison, with_found
 from fsw.checks.exact import exact_risks
 from fsw.checks.explanation import LARGE, Verdict, explain_residuals, unexplained
 from fsw.checks.recorded import (
-    WRONG,
     data_findings,
     poses_count,
     range_findings,
@@ -16,6 +15,7 @@ from fsw.checks.recorded import (
     with_wide_limits,
 )
 from fsw.checks.trial import make_trial
+from fsw.checks.wiring import Wires
 from fsw.commands.nodes import Nodes
 from fsw.commands.replay import replay, topics_of
 from fsw.commands.replay_result import ReplayResult
@@ -29,7 +29,7 @@ from fsw.estimators.model.problem import Problem
 from fsw.estimators.pipeline import Pipeline
 from fsw.estimators.recursive.online import build_online
 from fsw.exchange.recording_parts import contents_of, parts_of
-from fsw.exchange.sinks import IMU, STAR_TRACKER
+from fsw.exchange.sinks import IMU, STAR_TRACKER, Fanout, Sink
 
 FEW_BLOCKS = 3
 ALL_FITS = "signs, order of joints, mounting of the inertial unit"
@@ -49,8 +49,12 @@ def check_recording(
     ConfigError when the recording cannot be replayed with this configuration.
     """
     progress(f"reading {recording}")
-    nodes = Nodes(config)
-    result, watching = _read(recording, config, problem, span, progress, nodes)
+    nodes, wires = Nodes(config), Wires(config)
+    traffic = Fanout(nodes, wires)
+    result, watching = _read(recording, config, problem, span, progress, traffic)
+    wired, fits = wires.lines()
+    if not fits:  # times and values of all samples follow from it
+        return wired, False
     lines = [*nodes.findings(), *_jumps(recording, config, watching)]
     wrong = bool(lines)
     if result.truncated:
@@ -68,7 +72,7 @@ def check_recording(
         wide = with_wide_limits(config)
         watching = _read(recording, wide, problem, span, progress, None)[1]
     lines += [f"{WRONG}{text}" for text in ranged]
-    found = data_findings(config, watching.windows, counts, result.duration_s)
+    found = data_findings(config, watching.windows, counts, result.duration_s, wires.rates())
     lines += found.lines()
     if len(watching.made) < FEW_BLOCKS:
         used = f"{len(watching.made)} of {len(watching.windows)} windows can be used"
@@ -91,14 +95,20 @@ def check_recording(
 
 
 def contradictions(
-    recording: Path, config: Config, problem: Problem, result: ReplayResult, watching: Watching
+    recording: Path,
+    config: Config,
+    problem: Problem,
+    result: ReplayResult,
+    watching: Watching,
+    rates: Sequence[Comparison],
 ) -> list[str]:
     """Return the lines of `check_recording` on what is wrong, without the search for a cause.
 
-    `result` and `watching` are of a replay. Wrong nodes and unused sensors are not among the lines.
+    `result` and `watching` are of a replay, `rates` those of the frames of described joints. Wrong
+    nodes and unused sensors are not among the lines.
     """
     counts = result.status["samples"]
-    found = data_findings(config, watching.windows, counts, result.duration_s)
+    found = data_findings(config, watching.windows, counts, result.duration_s, rates)
     jumps = _jumps(recording, config, watching)
     turned = [] if jumps else tracker_findings(config, watching.windows)
     lines = [*jumps, *found.wrong]
@@ -130,14 +140,14 @@ def _read(
     problem: Problem,
     span: Span,
     progress: Callable[[str], None],
-    nodes: Nodes | None,
+    traffic: Sink | None,
 ) -> tuple[ReplayResult, Watching]:
     """Replay a recording without estimating; return the result, and its windows and blocks."""
     order = joint_order(config, problem.model)
     watching = Watching(config, order, alone=True, most=MOST_KEPT)
     pipeline = Pipeline(conditioner=watching, estimator=build_online(config, problem.model))
     result = replay(
-        recording, config, pipeline=pipeline, span=span, traffic=nodes, progress=progress
+        recording, config, pipeline=pipeline, span=span, traffic=traffic, progress=progress
     )
     return result, watching
 

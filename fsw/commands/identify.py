@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from fsw.checks.recorded import WRONG
+from fsw.checks.comparison import WRONG
+from fsw.checks.wiring import Wires
 from fsw.clock import MonotonicClock
 from fsw.commands.check_recording import contradictions
 from fsw.commands.holdout import judge, split, unpredicted
@@ -27,6 +28,7 @@ from fsw.estimators.model.problem import Problem
 from fsw.estimators.pipeline import Pipeline
 from fsw.estimators.plausible import plausible
 from fsw.estimators.recursive.online import build_online
+from fsw.exchange.sinks import Fanout
 from fsw.messages import Block, Estimate, FloatArray
 
 Progress = Callable[[float, str], bool]
@@ -162,7 +164,7 @@ def _read(
     ------
     EstimatorError if no window can be used.
     """
-    nodes = Nodes(config)
+    nodes, wires = Nodes(config), Wires(config)
     model = robot_of(config)
     watching = Watching(config, joint_order(config, model), most=MOST_KEPT)
     result = replay(
@@ -171,17 +173,21 @@ def _read(
         sink=collector,
         pipeline=Pipeline(conditioner=watching, estimator=build_online(config, model)),
         span=span,
-        traffic=nodes,
+        traffic=Fanout(nodes, wires),
         progress=tell,
         windows_only=windows_only,
     )
-    warnings = [*result.warnings(), *nodes.findings()]
+    wired, fits = wires.lines()
+    warnings = [*result.warnings(), *nodes.findings(), *(own for own in wired if WRONG in own)]
     if not any(map(plausible, collector.blocks)):
         why = warnings or ["fsw check CONFIG RECORDING says why"]
         raise EstimatorError(f"{recording}: no window can be used; {'; '.join(why)}")
     tell("comparing the data with the configuration")
     problem = build_problem(config, model)
-    return result, [*warnings, *contradictions(recording, config, problem, result, watching)]
+    if fits:  # times and values of all samples follow from it
+        rates = wires.rates()
+        warnings += contradictions(recording, config, problem, result, watching, rates)
+    return result, warnings
 
 
 def frame_of(config: Config, body: str) -> str:

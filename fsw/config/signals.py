@@ -155,8 +155,8 @@ class TimingConfig(Section):
     frame; the frame's arrival, by the line under all arrivals; the device's own time in the sample
     """
     sigma_s: StampSigma | None = None
-    """1 sigma of the error of a sample's time; required by `arrival` and `device_time`; with half
-    the speed limit it adds to `position_noise_rad`; null: 0"""
+    """1 sigma of the error of a sample's time; required by `arrival` and `device_time`; times
+    the speed of the joint it adds to `position_noise_rad`; null: 0"""
     delay_s: Delay = 0.0
     """from validity to the stamp of SYNC, or to sending"""
     latest_s: Duration | None = None

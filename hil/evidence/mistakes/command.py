@@ -5,10 +5,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 
 from hil.evidence.mistakes.run import Finding, run
-from hil.evidence.mistakes.table import NONE, mistakes
+from hil.evidence.mistakes.table import NONE, NONE_WIRED, mistakes
 from hil.world.scenario import ScenarioError
 
 CASES = ("target", "base", "both")
+CORRECT = (NONE, NONE_WIRED)
 CLAMPED = "bench_target"  # under gravity
 NAMED_SHARE = 0.9  # least share of the harmful mistakes whose cause is named
 
@@ -51,9 +52,9 @@ def summary(found: Sequence[Finding]) -> tuple[str, bool]:
     recorded = [own for own in found if own.recorded or own.refused]
     if not recorded:
         return text, not wrong
-    harmful = [own for own in recorded if own.mistake != NONE and not own.harmless]
+    harmful = [own for own in recorded if own.mistake not in CORRECT and not own.harmless]
     named = sum(own.named for own in harmful)
-    right = [own for own in recorded if own.mistake == NONE]
+    right = [own for own in recorded if own.mistake in CORRECT]
     false = sum(bool(own.findings) for own in right)
     text += f"; {named} of {len(harmful)} harmful ones named by check"
     text += f"; {false} of {len(right)} correct ones called wrong"

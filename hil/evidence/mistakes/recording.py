@@ -1,7 +1,7 @@
 """A mistake as a user meets it: readings in a CSV, `fsw import`, `fsw check` and `fsw identify`."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from io import StringIO
@@ -15,12 +15,15 @@ from fsw.__main__ import main as fsw
 from fsw.config import Config
 from hil.evidence.methods.cases import RATE_HZ
 from hil.evidence.mistakes.readings import Readings, by_joint, delay_s
+from hil.evidence.mistakes.wires import describe, frames, write_candump
 from hil.world.inertia import FloatArray
 
 START_S = 100.0  # stamps of a log do not begin at zero
 DIGITS = 12
 ASKED = "is the unit in the mapping right"
 FAULTS = ("WRONG", "doubtful", ASKED)
+CONFIG, RECORDING, LOG = "sampled.yaml", "recording.mcap", "candump.log"
+SEED = 5  # of the bus
 HOLDOUT = ("--holdout", "0.2")
 MAPPING = {
     "joints": {
@@ -48,18 +51,32 @@ class Recorded:
     values: Mapping[str, Any]  # of `fsw identify --json`; empty: there is no result
 
 
-def judged(readings: Readings, right: Config, used: Config, folder: Path) -> Recorded:
-    """Return what import, check and identify say of readings with the configuration `used`."""
-    config, recording = _configured(used, right, folder), folder / "recording.mcap"
+def judged(
+    readings: Readings,
+    right: Config,
+    used: Config,
+    folder: Path,
+    wired: Callable[[dict[str, Any]], None] | None = None,
+) -> Recorded:
+    """Return what import, check and identify say of readings with the configuration `used`.
+
+    `wired`: the joints are on a bus, and this changes the configuration that describes them.
+    """
+    config, recording = _configured(used, right, folder, wired), folder / RECORDING
     names = [joint.name for joint in used.joints]
     positions, torques = by_joint(readings, right, used)
     torques = _at(readings.t_joint_s, readings.t_torque_s, torques)
     titles = ["t", *(f"q_{name}" for name in names), *(f"tau_{name}" for name in names)]
-    _write(folder / "joints.csv", titles, [readings.t_joint_s, positions, torques])
+    if wired is None:
+        _write(folder / "joints.csv", titles, [readings.t_joint_s, positions, torques])
+    else:
+        _send(folder / LOG, readings.t_joint_s, positions, torques)
     titles = ["t", *(f"{kind}{axis}" for kind in "wf" for axis in "xyz")]
     _write(folder / "imu.csv", titles, [readings.t_imu_s, readings.rate, readings.force])
-    (folder / "map.yaml").write_text(yaml.safe_dump(MAPPING), encoding="utf-8")
-    mapped = ("--map", str(folder / "map.yaml"), "--config", str(config))
+    mapping = MAPPING if wired is None else {"imu": MAPPING["imu"]}
+    (folder / "map.yaml").write_text(yaml.safe_dump(mapping), encoding="utf-8")
+    mapped = ["--map", str(folder / "map.yaml"), "--config", str(config)]
+    mapped += [] if wired is None else ["--can", f"arm={folder / LOG}"]
     said = _said("import", *mapped, "--out", str(recording))
     if not recording.exists():
         return Recorded(findings=tuple(said), status="import refused", passed=False, values={})
@@ -75,8 +92,13 @@ def judged(readings: Readings, right: Config, used: Config, folder: Path) -> Rec
     )
 
 
-def _configured(used: Config, right: Config, folder: Path) -> Path:
-    """Write the configuration for samples of a log, without a star tracker; return its path."""
+def _configured(
+    used: Config,
+    right: Config,
+    folder: Path,
+    wired: Callable[[dict[str, Any]], None] | None,
+) -> Path:
+    """Write the configuration for a log, without a star tracker; return its path."""
     data = used.model_dump(mode="json")
     buses = [bus.name for bus in used.buses]
     data["buses"] = [{"name": k, "interface": "samples", "rate_hz": RATE_HZ} for k in buses]
@@ -90,9 +112,20 @@ def _configured(used: Config, right: Config, folder: Path) -> Path:
         data["imu"].pop(key, None)
     data["star_tracker"] = None
     data["scheduler"]["tick_rate_hz"] = RATE_HZ
-    path = folder / "sampled.yaml"
+    if wired is not None:
+        describe(data, RATE_HZ)
+        wired(data)
+    path = folder / CONFIG
     path.write_text(yaml.safe_dump(data), encoding="utf-8")
     return path
+
+
+def _send(path: Path, t_s: FloatArray, positions: FloatArray, torques: FloatArray) -> None:
+    """Write the log of the bus."""
+    rng = np.random.default_rng(SEED)
+    joints = zip(positions.T, torques.T, strict=True)
+    sent = [frame for k, own in enumerate(joints) for frame in frames(k, t_s, *own, rng)]
+    write_candump(path, sent, START_S)
 
 
 def _write(path: Path, titles: Sequence[str], columns: Sequence[FloatArray]) -> None:

@@ -14,11 +14,13 @@ from typing import Any
 import numpy as np
 import yaml
 
+from fsw.commands.replay import replay
 from fsw.config import Config, load
 from fsw.errors import FswError
 from fsw.estimators.batch.run import run_batch
 from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.recursive.online import build_online
+from fsw.exchange.sinks import Message, NullSink
 from fsw.messages import Block, Estimate
 from hil.evidence.methods.cases import NODES, RATE_HZ, SENSOR_SETS, WINDOW_S, scenario_of
 from hil.evidence.methods.exact import exact_samples
@@ -35,8 +37,8 @@ from hil.evidence.methods.sensed import (
     with_noise,
 )
 from hil.evidence.mistakes.readings import Readings, read, sent
-from hil.evidence.mistakes.recording import judged
-from hil.evidence.mistakes.table import mistakes, wrong
+from hil.evidence.mistakes.recording import CONFIG, RECORDING, judged
+from hil.evidence.mistakes.table import Mistake, mistakes, wrong
 from hil.judge.outcome import CONFIDENT, worst
 from hil.world.inertia import FloatArray
 
@@ -119,7 +121,7 @@ def run(
         (folder / "wrong.yaml").write_text(yaml.safe_dump(document), encoding="utf-8")
         try:
             used = load(folder / "wrong.yaml")
-            found = _judge(case, right, used, seed, blocks, mistake, folder if recording else None)
+            found = _judge(case, right, used, seed, blocks, mistake, folder, recording=recording)
         except FswError as error:
             found = _nothing(str(error).splitlines()[0])
         return replace(found, case=case, mistake=mistake, seed=seed)
@@ -139,7 +141,9 @@ def _judge(
     seed: int,
     count: int,
     mistake: str,
-    folder: Path | None,
+    folder: Path,
+    *,
+    recording: bool,
 ) -> Finding:
     noise = SENSOR_SETS[SENSORS]
     scale = used.joints[0].torque_noise_nm / right.joints[0].torque_noise_nm
@@ -153,13 +157,15 @@ def _judge(
     is_set = used.estimator.window_s != right.estimator.window_s
     window_s = used.estimator.window_s if is_set else WINDOW_S
     config = declared(used, told, RATE_HZ, window_s=window_s, nodes=NODES)
-    channels = samples(case, right, seed)
+    channels, truth = samples(case, right, seed), scenario_of(case).truth
     devices = mistakes()[mistake].readings(sent(channels, right))
+    if mistakes()[mistake].wired is not None:
+        same_span = devices.first(round(count * window_s * RATE_HZ))
+        return judged_on_wire(same_span, mistakes()[mistake], right, config, truth, folder)
     made = condition(read(devices, channels, right, config), config, RATE_HZ)[:count]
     online = build_online(
         config, RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
     )
-    truth = scenario_of(case).truth
     outputs = wrong = beyond = 0
     for block in made:
         estimate = online.push(block)
@@ -171,7 +177,7 @@ def _judge(
                 beyond += lag > bound
     final, batch = online.finish(), _batch(config, made)
     found = _found(final, truth, outputs, wrong, beyond, online.events(), batch)
-    if folder is None:
+    if not recording:
         return found
     same_span = devices.first(round(count * window_s * RATE_HZ))
     return _with_recording(found, mistake, truth, same_span, right, config, folder)
@@ -193,6 +199,49 @@ def _with_recording(
         recorded=own.status,
         recorded_z=_batch_worst(own.values, truth) if own.values else float("inf"),
         named=any(word in line for word in words for line in own.findings),
+        findings=own.findings,
+        passed=own.passed,
+    )
+
+
+class _Estimates(NullSink):
+    """Keeps the estimates of a replay."""
+
+    def __init__(self) -> None:
+        self.found: list[Estimate] = []
+
+    def put(self, message: Message) -> None:
+        """Keep an estimate; discard every other message."""
+        if isinstance(message, Estimate):
+            self.found.append(message)
+
+
+def judged_on_wire(
+    devices: Readings,
+    mistake: Mistake,
+    right: Config,
+    used: Config,
+    truth: Mapping[str, FloatArray],
+    folder: Path,
+) -> Finding:
+    """Return the result of a mistake in the description of joints, from a recording of frames."""
+    own = judged(devices, right, used, folder, mistake.wired)
+    named = any(word in line for word in mistake.words for line in own.findings)
+    if not (folder / RECORDING).exists():
+        return replace(_nothing(own.findings[0]), named=named, findings=own.findings)
+    kept, config = _Estimates(), load(folder / CONFIG)
+    result = replay(folder / RECORDING, config, sink=kept)
+    found, batch = _nothing(""), own.values or None
+    if result.estimate is not None:
+        valid = [one for one in kept.found if one.valid]
+        wrong = sum(worst(one.bodies, truth) > CONFIDENT for one in valid)
+        events = [(event.severity, event.code, event.text) for event in result.events]
+        found = _found(result.estimate, truth, len(valid), wrong, 0, events, batch)
+    return replace(
+        found,
+        recorded=own.status,
+        recorded_z=_batch_worst(own.values, truth) if own.values else float("inf"),
+        named=named,
         findings=own.findings,
         passed=own.passed,
     )

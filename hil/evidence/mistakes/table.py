@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 from scipy.spatial.transform import Rotation
 
 from hil.evidence.mistakes.readings import Readings
@@ -22,8 +23,9 @@ from hil.world.inertia import FloatArray
 Document = dict[str, Any]
 ALL = range(64)  # all joints of any robot
 Change = Callable[[Document], None]
-NONE = "none"
+NONE, NONE_WIRED = "none", "none, joints described"
 G_M_S2 = 9.80665
+ROTOR_KG_M2, ROTOR_SAMPLES = 1.0, 11
 FRICTION_NM, FRICTION_NMS_RAD, FRICTION_RAD_S = 0.5, 0.8, 0.01
 
 
@@ -38,11 +40,12 @@ class Mistake:
     change: Change = lambda _: None
     readings: Callable[[Readings], Readings] = _as_they_are
     words: tuple[str, ...] = ()  # one of them names the mistake
+    wired: Change | None = None  # of a configuration that describes the joints' frames
 
 
 def mistakes() -> Mapping[str, Mistake]:
     """Return the mistakes by name; the first one changes nothing."""
-    return {NONE: Mistake(), **_configurations(), **_readings()}
+    return {NONE: Mistake(), **_configurations(), **_readings(), **wirings()}
 
 
 def _configurations() -> Mapping[str, Mistake]:
@@ -108,6 +111,81 @@ def _readings() -> Mapping[str, Mistake]:
         "angles wrap at pi": (_wrapped, ("angle wraps", "wrap")),
     }
     return {name: Mistake(readings=change, words=words) for name, (change, words) in rows.items()}
+
+
+def wirings() -> Mapping[str, Mistake]:
+    """Return the mistakes in the description of the joints' frames; the first one has none."""
+    too = ("angle is 57.3 times too",)
+    torque = ("joints.1.signals.torque", "torque_limit_nm")
+    rows: Mapping[str, tuple[Change, tuple[str, ...]]] = {
+        NONE_WIRED: (lambda _: None, ()),
+        "described: joint 2 in deg read as rad": (_signal("angle", unit="rad"), too),
+        "described: joint 2 in rad read as deg": (
+            _signal("angle", scale=1e-4 * math.pi / 180.0),
+            too,
+        ),
+        "described: torque 2 in mN m": (_signal("torque", scale=10.0), torque),
+        "described: torque 2 per mille of 40": (_signal("torque", scale=0.25), torque),
+        "described: angle 2 in other byte order": (
+            _signal("angle", order="big", start=7),
+            ("in little-endian byte order",),
+        ),
+        "described: torque 2 in other byte order": (
+            _signal("torque", order="big", start=39),
+            ("in little-endian byte order",),
+        ),
+        "described: torque 2 unsigned": (
+            _signal("torque", number="unsigned"),
+            ("as a signed number",),
+        ),
+        "described: joints 3 and 4 swapped": (
+            _messages_swapped,
+            ("joints.2.signals and joints.3.signals",),
+        ),
+    }
+    found = {name: Mistake(wired=change, words=words) for name, (change, words) in rows.items()}
+    as_it_is: Change = lambda _: None  # noqa: E731
+    return found | {
+        "described: torque of the motor as link's": Mistake(
+            wired=as_it_is, readings=_of_motor, words=("those of the motors", "friction that")
+        ),
+        "described: values of the period before": Mistake(
+            wired=as_it_is, readings=_period_before, words=("one period of bus", "imu: its clock")
+        ),
+    }
+
+
+def _signal(name: str, **changes: object) -> Change:
+    """Return a change of a signal of joint 2."""
+
+    def change(document: Document) -> None:
+        signals = document["buses"][0]["messages"][1]["signals"]
+        next(own for own in signals if own["name"] == name).update(changes)
+
+    return change
+
+
+def _messages_swapped(document: Document) -> None:
+    one, other = (document["joints"][k]["signals"] for k in (2, 3))
+    document["joints"][2]["signals"], document["joints"][3]["signals"] = other, one
+
+
+def _of_motor(readings: Readings) -> Readings:
+    """Return the readings with friction and rotor inertia in the torques."""
+    speed = np.gradient(readings.position, readings.t_joint_s, axis=0)
+    smooth = uniform_filter1d(speed, ROTOR_SAMPLES, axis=0)
+    acceleration = np.gradient(smooth, readings.t_joint_s, axis=0)
+    rubbed = _rubbed(readings)
+    return replace(rubbed, torque=rubbed.torque + ROTOR_KG_M2 * acceleration)
+
+
+def _period_before(readings: Readings) -> Readings:
+    """Return the readings with the joints' values of one sample earlier."""
+    late = {
+        name: np.concatenate([own[:1], own[:-1]])
+        for name, own in (("position", readings.position), ("torque", readings.torque))
+    }
+    return replace(readings, **late)
 
 
 def wrong(name: str, document: Mapping[str, Any], urdf: str) -> tuple[Document, str]:

@@ -32,10 +32,11 @@ def test_what_fits_throughout_needs_no_recursion(flown, monkeypatch: pytest.Monk
 
 def test_one_window_too_few_is_said_of_the_number_of_windows(flown, tmp_path, capsys):
     """Not of the motion, which is the same as in the test before."""
-    recording, data = flown / "recording.mcap", yaml.safe_load((flown / "flight.yaml").read_text())
-    least = identify(recording, load(flown / "flight.yaml"), "rda", ())
-    count = round(least["duration_s"] / data["estimator"]["window_s"])
-    data["estimator"]["settle_blocks"] = count + 1
+    recording, config = flown / "recording.mcap", load(flown / "flight.yaml")
+    data = yaml.safe_load((flown / "flight.yaml").read_text())
+    least = identify(recording, config, "rda", ())
+    count = round(least["duration_s"] / config.estimator.window_s)
+    data["estimator"] = data.get("estimator", {}) | {"settle_blocks": count + 1}
     data["robot"]["urdf"] = str(flown / data["robot"]["urdf"])
     path = tmp_path / "robot.yaml"
     path.write_text(yaml.safe_dump(data))
