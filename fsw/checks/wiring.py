@@ -119,7 +119,8 @@ def _rate(key: str, bus: BusConfig, found_hz: float, joint: JointConfig) -> Comp
 
 def _frames_of(message: Message, frames: FrameArray) -> FrameArray:
     own = frames[(frames["word"] == message.word) & (frames["length"] >= message.length)]
-    return own.take(np.argsort(own["t_ns"], kind="stable"))
+    in_order: FrameArray = own.take(np.argsort(own["t_ns"], kind="stable"))
+    return in_order
 
 
 def _signal_findings(

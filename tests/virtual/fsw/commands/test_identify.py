@@ -40,8 +40,8 @@ def test_one_window_too_few_is_said_of_the_number_of_windows(flown, tmp_path, ca
     data["robot"]["urdf"] = str(flown / data["robot"]["urdf"])
     path = tmp_path / "robot.yaml"
     path.write_text(yaml.safe_dump(data))
-    for command in (["identify", "--method", "rda"], ["replay"]):
-        main([command[0], str(recording), "--config", str(path), *command[1:]])
+    for name, *options in (["identify", "--method", "rda"], ["replay"]):
+        main([name, str(recording), "--config", str(path), *options])
         said = capsys.readouterr().out
         assert "TOO_FEW_BLOCKS" in said
         assert f"windows are used; a result needs {count + 1} (estimator.settle_blocks)" in said
