@@ -27,6 +27,8 @@ from fsw.exchange.sinks import Message, NullSink
 from fsw.messages import Block, Estimate, Event, FloatArray
 
 PACKAGES = ("inertia-daemon", "numpy", "scipy", "pin", "mcap", "pydantic")
+# keys of a status record that a report shows; whole records of a long run fill the memory
+TIMING = ("t_ns", "ticks", "slips", "max_late_us", "work_us", "tasks_us")
 STATUS, EVENTS = "/tm", "/events"
 T = TypeVar("T")
 Progress = Callable[[str], None]
@@ -126,7 +128,7 @@ def collected_at(
         name=recording.name,
         span=span,
         events=events,
-        flown=list(_parsed(parts, STATUS, dict)) if STATUS in held.topics else [],
+        flown=list(_parsed(parts, STATUS, _timing)) if STATUS in held.topics else [],
         metadata=held.metadata,
     )
 
@@ -139,6 +141,11 @@ def _parsed(parts: Sequence[Path], topic: str, parse: Callable[[dict[str, Any]],
         except WRONG_CONTENT as error:
             words = f"{topic} at {message.t_ns} ns is not of this software: {brief(error)}"
             raise ConfigError(f"{words}; the recording is damaged") from error
+
+
+def _timing(values: dict[str, Any]) -> dict[str, Any]:
+    """Return what a report shows of a status record."""
+    return {key: values[key] for key in TIMING if key in values}
 
 
 def collected_of(
