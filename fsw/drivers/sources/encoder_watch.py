@@ -74,19 +74,24 @@ class EncoderWatch:
             return None
         if step == 0.0 and self._is_stuck():
             return Fault.ENCODER_STUCK
+        periods = 1
         if step != 0.0:
+            periods += self._equal  # a coarse encoder shows a slow motion now and then
             self._equal = 0
             if self._stuck:  # the joint moved while the encoder was stuck: accept any position
                 self._restart()
                 return None
-        self._add(step, dt_ns * 1e-9, t_ns)
+        self._add(step, dt_ns * 1e-9, periods, t_ns)
         if abs(self._offset) <= self._slack_rad:
             self._offset = 0.0
             return None
         return Fault.ENCODER_JUMP
 
-    def _add(self, step: float, dt_s: float, t_ns: int) -> None:
-        """Add a step to the rate if the joint could make it, else to the offset."""
+    def _add(self, step: float, dt_s: float, periods: int, t_ns: int) -> None:
+        """Add a step to the rate if the joint could make it, else to the offset.
+
+        `periods`: samples since the step before, for which the joint has moved.
+        """
         jump = step - self._rate * dt_s
         if abs(jump) > self._slack_rad:
             if self._run < CONFIDENT_SAMPLES and not self._offset:
@@ -96,7 +101,7 @@ class EncoderWatch:
                 self._since_ns = t_ns
             self._offset += jump
         elif step != 0.0 or abs(self._rate) < self._stuck_rate_rad_s:
-            self._rate += RATE_GAIN * (step / dt_s - self._rate)
+            self._rate += RATE_GAIN * (step / (dt_s * periods) - self._rate)
             self._run += 1
         if self._offset and t_ns - self._since_ns > HOLD_S * 1e9:
             self._restart()

@@ -25,6 +25,7 @@ CONTESTED_S = 1.0  # two SYNCs so close with two different answers each: no answ
 CHAIN = 3  # consecutive samples that are consistent with one another ...
 CHAIN_S = 0.1  # ... over at least this time are accepted, even if far from the last accepted one
 SLACK_SIGMAS = 10.0
+UNIFORM = 12.0**0.5  # step over sigma of what rounding to the step adds
 PART = 128  # samples that are judged together if the whole batch is not regular
 _MASK = (1 << HISTORY_SYNCS) - 1
 
@@ -72,7 +73,7 @@ class JointTrack:
     def __init__(
         self, index: int, config: JointConfig, period_s: float, step_rad: float = 0.0
     ) -> None:
-        """`step_rad`: resolution of the encoder; 0: negligible."""
+        """`step_rad`: resolution of the wire; 0: negligible. The encoder's own may be coarser."""
         self.index = index
         self.config = config
         self.counts = Counters()
@@ -83,6 +84,7 @@ class JointTrack:
         self._seen = 0  # bit i: a sample for SYNC newest - i was accepted in time
         self._slack_rad = SLACK_SIGMAS * config.position_noise_rad
         self._slack_rad += config.speed_limit_rad_s * period_s
+        step_rad = max(step_rad, UNIFORM * config.position_noise_rad)
         self._encoder = EncoderWatch(period_s, config.speed_limit_rad_s, self._slack_rad, step_rad)
         self._most_rad_s = most_rad_s(config)
         self._contested = round(CONTESTED_S / period_s)

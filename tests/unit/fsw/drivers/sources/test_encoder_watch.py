@@ -30,6 +30,31 @@ def test_no_motion_within_the_limits_is_a_fault(motion: Callable[[float], float]
     assert not any(run(motion, 4.0))
 
 
+@pytest.mark.parametrize("bits", [12, 14, 16, 18, 20])
+@pytest.mark.parametrize("slowing", [0.02, 0.3])
+def test_a_coarse_encoder_that_turns_back_is_not_stuck(bits: int, slowing: float) -> None:
+    step, w = math.tau / 2**bits, 2 * math.pi * slowing
+    tested = EncoderWatch(PERIOD_S, 1.0, PERIOD_S + 3.0 * step, step)
+    times = [k * PERIOD_S for k in range(round(2.0 / slowing / PERIOD_S))]
+    motion = [0.3 * math.sin(w * t) for t in times]
+    found = [
+        tested.look(round(t * 1e9), step * round(q / step))
+        for t, q in zip(times, motion, strict=True)
+    ]
+    assert not any(found)
+
+
+def test_a_coarse_encoder_that_stands_is_stuck_after_some_of_its_steps() -> None:
+    step = math.tau / 2**14
+    tested = EncoderWatch(PERIOD_S, 1.0, PERIOD_S + 3.0 * step, step)
+    found = [
+        tested.look(round(k * PERIOD_S * 1e9), step * round(0.2 * min(k, 500) * PERIOD_S / step))
+        for k in range(600)
+    ]
+    assert not any(found[:500])
+    assert all(found[540:])
+
+
 def test_a_jump_is_seen_at_once_and_is_over_at_once() -> None:
     found = run(lambda t: smooth(t) + (0.05 if 0.9995 <= t < 1.4995 else 0.0), 2.0)
     assert found == [None] * 500 + [Fault.ENCODER_JUMP] * 250 + [None] * 250
