@@ -145,7 +145,7 @@ def _configuration_parsers(commands: argparse._SubParsersAction[argparse.Argumen
         "other",
         type=Path,
         nargs="?",
-        metavar="RECORDING|PLAN",
+        metavar="RECORDING|LOG|PLAN",
         help="judge the one by the other; what a motion (YAML) would show",
     )
     check.set_defaults(command=_check)
