@@ -61,7 +61,8 @@ def found_joints(config: Config, mapped: Joints, section: Section) -> Found:
     speeds = [f"{joint.speed_limit_rad_s:g} {_si(Angles, joint)}/s" for joint in joints]
     bounds = [f"out of reach at {speed}" for speed in speeds]
     values, troubles = usable(path, position, is_far, bounds)
-    troubles += _beyond_limits(config, position.columns, joints, angles)
+    near = np.where(is_far, np.nan, angles)
+    troubles += _beyond_limits(config, position.columns, joints, near)
     fields = _fields(Angles, joints, values)
     if mapped.torque is not None:
         _refuse_units("joints.torque", mapped.torque, joints)
@@ -93,13 +94,13 @@ def _beyond_limits(
     model = robot_of(config)
     lower, upper = model.model.lowerPositionLimit[7:], model.model.upperPositionLimit[7:]
     limits = dict(zip(model.joint_names, zip(lower, upper, strict=True), strict=True))
-    lines = []
+    lines, urdf = [], config.robot.urdf.name
     for column, joint, own in zip(columns, joints, positions.T, strict=True):
         low, high = limits[joint.name]
         reach, most, unit = np.nanmax(np.abs(own), initial=0.0), max(-low, high), _si(Angles, joint)
         if 0.0 < most < reach / BEYOND_LIMITS:
             lines.append(
-                f"{column} reaches {reach:.3g} {unit}, and the limits in robot.urdf are {low:.3g} "
+                f"{column} reaches {reach:.3g} {unit}, and the limits in {urdf} are {low:.3g} "
                 f"to {high:.3g} {unit}; {UNIT}"
             )
     return lines
