@@ -91,12 +91,11 @@ def _beyond_limits(
     config: Config, columns: Sequence[str], joints: Sequence[JointConfig], positions: FloatArray
 ) -> list[str]:
     """Return a line for each column with positions (k, width) far beyond the limits in the URDF."""
-    model = robot_of(config)
-    lower, upper = model.model.lowerPositionLimit[7:], model.model.upperPositionLimit[7:]
-    limits = dict(zip(model.joint_names, zip(lower, upper, strict=True), strict=True))
+    model = robot_of(config).model
     lines, urdf = [], config.robot.urdf.name
     for column, joint, own in zip(columns, joints, positions.T, strict=True):
-        low, high = limits[joint.name]
+        place = model.joints[model.getJointId(joint.name)].idx_q
+        low, high = model.lowerPositionLimit[place], model.upperPositionLimit[place]
         reach, most, unit = np.nanmax(np.abs(own), initial=0.0), max(-low, high), _si(Angles, joint)
         if 0.0 < most < reach / BEYOND_LIMITS:
             lines.append(

@@ -44,7 +44,7 @@ def test_a_delay_of_the_inertial_unit_is_not_valid_and_wrong() -> None:
 def test_a_batch_names_the_lever_arm_that_its_data_contradict() -> None:
     found = run("base", "lever arm off 0.2 m", 0, blocks=100)
     assert found.batch == "PRIOR_CONFLICT", line(found)
-    assert "imu_place" in found.batch_note
+    assert "imu.mounting_position_sigma_m" in found.batch_note
     assert not found.confidently_wrong, line(found)
 
 
