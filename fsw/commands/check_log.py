@@ -17,11 +17,11 @@ MCAP = b"\x89MCAP0\r\n"
 
 
 def is_log(path: Path) -> bool:
-    """Return whether a file is something else than a recording of this project."""
+    """Return whether a file has content that is no recording of this project."""
     if not path.is_file():
         return False
     with path.open("rb") as file:
-        return file.read(len(MCAP)) != MCAP
+        return file.read(len(MCAP)) not in (MCAP, b"")
 
 
 def lacking(config: Config) -> list[str]:
