@@ -39,7 +39,7 @@ def add_drawn(parser: argparse.ArgumentParser) -> None:
         "--seed",
         type=seed,
         metavar="K",
-        help="for development, below 1000; default: drawn from the commit's hash",
+        help="default: drawn from the commit's hash; for development, below 1000",
     )
 
 

@@ -9,19 +9,21 @@ from fsw.checks.wiring import Wires
 from fsw.commands.importing import write
 from fsw.commands.importing.captures import can_capture
 from fsw.config import Config
+from fsw.config.text import kind_of
 from fsw.drivers.ports.can_log import read_can_log
 from fsw.errors import ConfigError
 from fsw.exchange.sinks import CanTraffic
 
-MCAP = b"\x89MCAP0\r\n"
+HEAD_BYTES = 4096  # of a file, by which its kind is known
 
 
 def is_log(path: Path) -> bool:
-    """Return whether a file has content that is no recording of this project."""
+    """Return whether a file has content, and of no other kind that this project knows."""
     if not path.is_file():
         return False
     with path.open("rb") as file:
-        return file.read(len(MCAP)) not in (MCAP, b"")
+        head = file.read(HEAD_BYTES)
+    return bool(head) and not kind_of(head)
 
 
 def lacking(config: Config) -> list[str]:

@@ -171,9 +171,7 @@ class RecorderSink:
         self._retry_ns = 0 if writer is not None else SOON  # 0: all is well
         self._last_path = writer.path if writer is not None else None
         self._unsure = 0  # messages not written to the file for certain
-        self.failing = (
-            ""  # why the last attempt to write or to open a file failed; empty: all is well
-        )
+        self.failing = ""  # why the last attempt to write or open a file failed; empty: it did not
         self.lost = 0  # messages that are in no file
         self.dropped = 0  # messages lost in the rings
 

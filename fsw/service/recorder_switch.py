@@ -33,7 +33,7 @@ class RecorderSwitch:
 
     @property
     def failing(self) -> str:
-        """Why a recording in progress is not written; empty: it is, or there is none."""
+        """Why a recording in progress is not written; empty if it is written or none runs."""
         return "" if self.sink is None else self.sink.failing
 
     def configured(self, config: Config) -> None:

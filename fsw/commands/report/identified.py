@@ -63,21 +63,25 @@ def write_identified(
     return paths
 
 
-def judged(reasons: Sequence[str], held_out_passed: bool | None) -> tuple[bool, str]:
-    """Return validity and headline of a batch result; `held_out_passed` None: none held out."""
+def judged(
+    reasons: Sequence[str], held_out_passed: bool | None, valid_as: str = "VALID"
+) -> tuple[bool, str]:
+    """Return validity and headline of a batch result.
+
+    `held_out_passed`: None if no window was held out; `valid_as`: words for a valid result.
+    """
     valid = not reasons and held_out_passed is not False
     words = list(reasons)
     if held_out_passed is not None:
         words.append(f"held-out windows {'PASSED' if held_out_passed else 'FAILED'}")
-    return valid, f"{'VALID' if valid else 'NOT VALID'}{': ' * bool(words)}{', '.join(words)}"
+    return valid, f"{valid_as if valid else 'NOT VALID'}{': ' * bool(words)}{', '.join(words)}"
 
 
 def view(values: Mapping[str, Any], collected: Collected, recursive: Sequence[Estimate]) -> View:
     """Return the page of a batch result; `recursive`: estimates of the replay of its windows."""
     holdout = values.get("holdout")
-    valid, verdict = judged(values["reasons"], None if holdout is None else holdout["passed"])
-    if valid:
-        verdict = verdict.replace("VALID", valid_words(collected), 1)
+    passed = None if holdout is None else holdout["passed"]
+    valid, verdict = judged(values["reasons"], passed, valid_words(collected))
     result = estimates.result(collected)
     noise = noise_text(values)
     told = [*result.text, *noise, *([values["note"]] if values["note"] else [])]

@@ -88,7 +88,7 @@ class Linearisation:
 
 
 class _Passes(Collection[Rows]):
-    """The rows of a long linearisation at a state; each iteration computes them anew."""
+    """The rows of a long linearisation at a state; each iteration computes them again."""
 
     def __init__(self, linear: Linearisation, x: FloatArray, fits: Sequence[bool] | None) -> None:
         self._linear, self._x = linear, x.copy()
