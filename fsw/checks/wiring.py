@@ -69,7 +69,7 @@ class Wires(NullSink):
             rates_hz = [
                 (rate_hz, joint)
                 for _, joint, layout, frames in self._joints(bus)
-                if (rate_hz := frame_rate_hz(_frames_of(layout.messages[0], frames)["t_ns"]))
+                if (rate_hz := frame_rate_hz(frames_of(layout.messages[0], frames)["t_ns"]))
             ]
             if rates_hz:
                 farthest = max(rates_hz, key=lambda own: abs(own[0] / bus.rate_hz - 1.0))
@@ -117,7 +117,8 @@ def _rate(key: str, bus: BusConfig, found_hz: float, joint: JointConfig) -> Comp
     return Comparison(key=key, declared=bus.rate_hz, found=found_hz, wrong=words if is_off else "")
 
 
-def _frames_of(message: Message, frames: FrameArray) -> FrameArray:
+def frames_of(message: Message, frames: FrameArray) -> FrameArray:
+    """Return the frames of a message, whole ones only, in order of time."""
     own = frames[(frames["word"] == message.word) & (frames["length"] >= message.length)]
     in_order: FrameArray = own.take(np.argsort(own["t_ns"], kind="stable"))
     return in_order
@@ -133,7 +134,7 @@ def _signal_findings(
         use = layout.use(role)
         if use is None or (role == POSITION and joint.speed_only):
             continue
-        own = _frames_of(use.message, frames)
+        own = frames_of(use.message, frames)
         if len(own) < LEAST_FRAMES:
             continue
         place = f"{name} ({joint.name}): {use.message.name}.{use.signal.name}"

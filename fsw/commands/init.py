@@ -5,12 +5,14 @@ import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
+from fsw.checks.comparison import WRONG
 from fsw.checks.configuration import validate
 from fsw.checks.robot import read_model
 from fsw.checks.urdf import check_urdf
+from fsw.commands.check_log import frame_findings
 from fsw.commands.init_answers import Ask, asker, mass_kg, one_of
 from fsw.commands.init_devices import device, library, listing
-from fsw.commands.init_recording import Recorded, recorded
+from fsw.commands.init_recording import RATE_HZ, Recorded, recorded
 from fsw.commands.init_text import (
     body_lines,
     bus_lines,
@@ -21,6 +23,7 @@ from fsw.commands.init_text import (
     tracker_lines,
     word,
 )
+from fsw.commands.init_wires import wired
 from fsw.commands.out_argument import refuse_existing
 from fsw.config import parse
 from fsw.config.feed import SAMPLES
@@ -30,7 +33,6 @@ from fsw.estimators.model.robot import RobotModel
 from fsw.messages import FloatArray
 
 DENSITY_KG_M3 = 150.0  # typical of a satellite; gives a first guess of the target's size
-RATE_HZ = 250.0  # of the joints, without a flag and without a recording
 HELD = ("free", "planar", "clamped")
 HEAD = """\
 # Written by fsw init from {urdf}. Every key: docs/configuration.md. Check it: fsw check {out}
@@ -49,8 +51,10 @@ def init(arguments: argparse.Namespace) -> str:
     refuse_existing(arguments)
 
     def found_in(model: RobotModel) -> Recorded | None:
+        if arguments.bus or arguments.eds or arguments.feed:
+            return wired(arguments, model)
         found = None if arguments.recording is None else recorded(arguments.recording, model)
-        if found is not None and not found.nodes:
+        if found is not None and found.is_table:
             _name_sensors(arguments, found, moves=arguments.base != "clamped")
         return found
 
@@ -68,9 +72,14 @@ def init(arguments: argparse.Namespace) -> str:
         except OSError as error:
             raise ConfigError(f"--out: {path} cannot be written: {error.strerror}") from error
     many = sum(text.count("# CHECK") for text in files.values())
+    log = arguments.recording if found is not None and found.wires and not arguments.feed else None
+    if log is not None:
+        doubts += [line for line in frame_findings(log, config)[0] if line.startswith(WRONG)]
     lines = [*(f"warning: {doubt}" for doubt in doubts)]
     lines.append(f"{out}: {len(config.joints)} joints; {many} lines marked CHECK")
-    if found is not None:
+    if found is not None and found.wires is not None:
+        lines += [f"then: fsw check {out} {'' if log is None else log}".rstrip()]
+    elif found is not None:
         source = f"{arguments.recording} --map {mapping}"
         source = source if found.mapping else f"--can arm={arguments.recording}"
         lines.append(f"then: fsw import {source} --config {out} --out recording.mcap")
@@ -108,8 +117,10 @@ def described(
     if model.n == 0:
         raise ConfigError(f"{arguments.urdf} has no joint that moves; at least 1 is needed")
     is_held = arguments.base == "clamped"
-    arguments.torque = arguments.torque or ("arm_sensor" if is_held else "generic")
     found = found_in(model)
+    is_current = found is not None and found.wires is not None and found.wires.is_current
+    usual = "motor_current" if is_current else "arm_sensor" if is_held else "generic"
+    arguments.torque = arguments.torque or usual
     return _text(arguments, ask, tool, root, model, found) + base, found
 
 
@@ -239,4 +250,4 @@ def _root_link(root: ET.Element) -> str:
     return next((name for name in names if name not in children), "")
 
 
-__all__ = ["init", "library", "listing"]
+__all__ = ["RATE_HZ", "init", "library", "listing"]

@@ -47,6 +47,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="motor_current: from currents; else arm_sensor if clamped, generic if not",
     )
+    wires = parser.add_mutually_exclusive_group()
+    wires.add_argument(
+        "--bus", metavar="NAME=DBC", help="joints described by a DBC, KCD, SYM or ARXML file"
+    )
+    wires.add_argument(
+        "--eds",
+        type=Path,
+        nargs="+",
+        metavar="EDS",
+        help="joints described by EDS or DCF: one for all, or one each; or a bus.yml",
+    )
+    wires.add_argument("--feed", action="store_true", help="another program sends the joints")
     parser.add_argument(
         "--first-node",
         type=node_number,
@@ -59,5 +71,5 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--recording",
         type=Path,
         metavar="FILE",
-        help="CSV, .npz, bag or CAN log: rates, columns, limits and noise; also writes the mapping",
+        help="CSV, .npz, bag or CAN log: rates, columns, messages, limits, noise",
     )

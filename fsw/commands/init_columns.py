@@ -41,18 +41,24 @@ def words_of(name: str) -> tuple[str, ...]:
     return tuple(word.lower() for word in WORD.findall(name))
 
 
-def joint_groups(columns: Sequence[str], joints: Sequence[str]) -> list[Group]:
-    """Return the groups with a column for every joint, by the joints' names or by numbers."""
+def joint_groups(
+    columns: Sequence[str], joints: Sequence[str], *, spare: bool = False
+) -> list[Group]:
+    """Return the groups with a column for every joint, by the joints' names or by numbers.
+
+    `spare`: a group may have more numbers than there are joints, and begins with the lowest one.
+    """
     by_name: dict[str, dict[str, str]] = {}
     by_number: dict[str, dict[int, str]] = {}
     for column in columns:
         named = [joint for joint in joints if _holds(column, joint)]
         if named:
             joint = max(named, key=len)
-            by_name.setdefault(column.replace(joint, "{}"), {})[joint] = column
-        for found in NUMBER.finditer(column):
-            stem = f"{column[: found.start()]}{{}}{column[found.end() :]}"
-            by_number.setdefault(stem, {})[int(found.group())] = column
+            stem = re.sub(re.escape(joint), "{}", column, flags=re.IGNORECASE)
+            by_name.setdefault(stem, {})[joint] = column
+        for number in dict.fromkeys(NUMBER.findall(column)):
+            stem = re.sub(rf"(?<!\d){number}(?!\d)", "{}", column)
+            by_number.setdefault(stem, {})[int(number)] = column
     groups = [
         Group(stem=stem, columns=tuple(held[joint] for joint in joints))
         for stem, held in by_name.items()
@@ -60,9 +66,10 @@ def joint_groups(columns: Sequence[str], joints: Sequence[str]) -> list[Group]:
     ]
     taken = {column for group in groups for column in group.columns}
     groups += [
-        Group(stem=stem, columns=tuple(held[number] for number in sorted(held)))
+        Group(stem=stem, columns=tuple(held[number] for number in sorted(held)[: len(joints)]))
         for stem, held in by_number.items()
-        if len(held) == len(joints) and not taken & set(held.values())
+        if len(joints) <= len(held) <= (len(columns) if spare else len(joints))
+        if not taken & set(held.values())
     ]
     return groups
 
@@ -109,5 +116,5 @@ def times(columns: Sequence[str], near: str) -> list[str]:
 
 def _holds(column: str, joint: str) -> bool:
     """Return whether a name holds that of a joint, and not of another that begins or ends so."""
-    before, found, after = column.partition(joint)
+    before, found, after = column.casefold().partition(joint.casefold())
     return bool(found) and not (before[-1:].isalnum() or after[:1].isdigit())

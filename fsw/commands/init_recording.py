@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from fsw.checks.wiring import frame_rate_hz
 from fsw.commands.importing.tables import ISO, Table
 from fsw.commands.init_columns import (
     FORCE,
@@ -37,6 +38,7 @@ from fsw.commands.init_noise import (
 from fsw.drivers.codecs.canopen import COB_SYNC, COB_TPDO1, NODE_MASK
 from fsw.drivers.codecs.imu_datagram import STANDARD_GRAVITY_M_S2
 from fsw.drivers.ports.can_log import read_can_log
+from fsw.drivers.wire import EFF_MASK, FrameArray
 from fsw.errors import ConfigError, cut
 from fsw.estimators.model.robot import RobotModel
 from fsw.messages import FloatArray
@@ -45,12 +47,23 @@ LOGS = (".log", ".blf", ".asc", ".trc")  # of a CAN bus; any other file is a tab
 UNITS_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 PERIODS_S = (2e-4, 0.2)  # a sensor's period in seconds; in another unit it is another number
 TURN_RAD = 2.2 * np.pi  # larger angles of a joint with a range are degrees
+RATE_HZ = 250.0  # of the joints, without a flag and without a recording
 FAST_RAD_S = 15.0  # larger rates of a base are degrees a second
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Wires:
+    """Lines of a configuration that read the joints from devices, which something describes."""
+
+    name: str  # of the bus
+    bus: Sequence[str]  # its other lines
+    joints: Sequence[Sequence[str]]  # lines of each joint
+    is_current: bool = False  # the torque is computed from the motor's current
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Recorded:
-    """What a recording holds."""
+    """What a recording holds, or a description of the devices."""
 
     rate_hz: float  # of the joints
     imu_rate_hz: float = 0.0  # 0: no inertial unit
@@ -60,8 +73,14 @@ class Recorded:
     gyro_noise_rad_s: float = 0.0  # 1 sigma of a sample; 0: not seen, as of the next two
     acc_noise_m_s2: float = 0.0
     turn_noise_rad: float = 0.0
-    nodes: Sequence[int] = ()  # of a CAN log; empty: a table
-    mapping: list[str] = field(default_factory=list)  # lines of the mapping; empty for a CAN log
+    nodes: Sequence[int] = ()  # of a CAN log of tailored nodes
+    wires: Wires | None = None  # of other devices
+    mapping: list[str] = field(default_factory=list)  # lines of the mapping of a table
+
+    @property
+    def is_table(self) -> bool:
+        """Return whether the values are decoded already."""
+        return not self.nodes and self.wires is None
 
 
 def recorded(path: Path, model: RobotModel) -> Recorded:
@@ -79,18 +98,29 @@ def recorded(path: Path, model: RobotModel) -> Recorded:
 def _of_log(path: Path, model: RobotModel) -> Recorded:
     frames = read_can_log(path).frames
     sync = frames["t_ns"][frames["word"] == COB_SYNC]
-    if len(sync) < LEAST:
-        raise ConfigError(
-            f"--recording {path}: {len(sync)} SYNC frames (0x080); too few for a rate"
-        )
     words = {int(word) for word in np.unique(frames["word"])}
     nodes = sorted(w & NODE_MASK for w in words if COB_TPDO1 < w <= COB_TPDO1 | NODE_MASK)
-    if len(nodes) < model.n:
+    if len(sync) < LEAST or len(nodes) < model.n:
         held = ", ".join(f"0x{node:02x}" for node in nodes) or "none"
         raise ConfigError(
-            f"--recording {path}: {len(nodes)} nodes send ({held}); the robot has {model.n} joints"
+            f"--recording {path}: {len(sync)} SYNC frames (0x080) and {len(nodes)} nodes that send "
+            f"TPDO1 ({held}); the robot has {model.n} joints. Other devices need --bus or --eds. "
+            f"Frames: {cut('; '.join(_in_words(frames, word) for word in sorted(words)))}"
         )
     return Recorded(rate_hz=rate_of(sync * 1e-9), nodes=nodes[: model.n])
+
+
+def _in_words(frames: FrameArray, word: int) -> str:
+    """Return identifier, rate, length and the bytes that change of the frames of one kind."""
+    own = frames[frames["word"] == word]
+    length = int(own["length"].min())
+    moving = np.flatnonzero(np.ptp(own["data"][:, :length], axis=0)).tolist()
+    runs = np.split(moving, np.flatnonzero(np.diff(moving) > 1) + 1) if moving else []
+    places = " ".join(f"{run[0]}-{run[-1]}" if len(run) > 1 else f"{run[0]}" for run in runs)
+    rate_hz = frame_rate_hz(own["t_ns"])
+    return (
+        f"0x{word & EFF_MASK:x} {rate_hz:.3g} Hz {length} bytes, of which {places or 'none'} move"
+    )
 
 
 def _of_table(table: Table, model: RobotModel) -> Recorded:

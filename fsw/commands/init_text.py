@@ -109,7 +109,11 @@ def links_lines(torque: Mapping[str, Any]) -> list[str]:
 
 def bus_lines(rate_hz: float, joints: int, found: Recorded | None) -> tuple[list[str], int]:
     """Return the section `buses`, and the number of joints on each bus but the last."""
-    if found is not None and not found.nodes:
+    if found is not None and found.wires is not None:
+        own = [f"    {line}" for line in found.wires.bus]
+        lines = [f"  - name: {word(found.wires.name)}  # recordings: /can/{found.wires.name}", *own]
+        return ["", "buses:", *lines, f"    rate_hz: {rate_hz!r}  # CHECK"], joints
+    if found is not None and found.is_table:
         lines = ["  - name: arm", "    interface: samples  # decoded by the recorder"]
         return ["", "buses:", *lines, f"    rate_hz: {rate_hz!r}  # of the recording"], joints
     # a log is of one bus, which has carried it
@@ -173,7 +177,7 @@ def joint_lines(
             **_friction(torque, size),
         }
         if found is not None and not found.has_torque:
-            measured = {"torque": "none  # CHECK the recording has no torque"}
+            measured = {"torque": "none  # CHECK none was found"}
         own = {
             "sign": "1  # CHECK -1: the node counts against the URDF's axis",
             "zero_offset_rad": "0.0",
@@ -189,10 +193,12 @@ def joint_lines(
             }
             if "CHECK" not in position_noise:
                 own["position_noise_m"] += "  # CHECK"
+        wires = [f"bus: {bus_name(k // each)}", f"node_id: 0x{nodes[k]:02x}  # CHECK"]
+        if found is not None and found.wires is not None:
+            wires = [f"bus: {word(found.wires.name)}", *found.wires.joints[k]]
         lines += [
             f"  - name: {word(name)}",
-            f"    bus: {bus_name(k // each)}",
-            f"    node_id: 0x{nodes[k]:02x}  # CHECK",
+            *(f"    {line}" for line in wires),
             *(f"    {key}: {value}" for key, value in own.items()),
         ]
     return lines
@@ -217,7 +223,7 @@ def _friction(torque: Mapping[str, Any], size: float) -> dict[str, str]:
 
 def imu_lines(ask: Ask, found: Recorded | None) -> tuple[list[str], Mapping[str, Any]]:
     """Return the section `imu`, empty if there is no unit, and the figures of the unit."""
-    if found is not None and not found.nodes and not found.imu_rate_hz:
+    if found is not None and found.is_table and not found.imu_rate_hz:
         return [], {}
     units = library()["imu"]
     words = f"inertial unit ({', '.join(units)}; none on a clamped base)"
@@ -227,7 +233,7 @@ def imu_lines(ask: Ask, found: Recorded | None) -> tuple[list[str], Mapping[str,
     unit = device("imu", name)
     place = ask("imu_xyz", "place of the inertial unit in the root link, x y z [m]", three)
     turn = ask("imu_rpy", "roll, pitch, yaw that take its axes to the root link's [rad]", angles)
-    is_sampled = found is not None and not found.nodes
+    is_sampled = found is not None and found.is_table
     if found is not None and found.imu_rate_hz:
         seen = {
             "angle_random_walk_rad_sqrt_s": found.gyro_noise_rad_s / found.imu_rate_hz**0.5,
@@ -255,7 +261,7 @@ def _noises(seen: Mapping[str, float]) -> dict[str, float]:
 
 def tracker_lines(ask: Ask, found: Recorded | None) -> tuple[list[str], Mapping[str, Any]]:
     """Return the section `star_tracker`, empty if there is none, and the figures of the unit."""
-    if found is not None and not found.nodes and not found.tracker_rate_hz:
+    if found is not None and found.is_table and not found.tracker_rate_hz:
         return [], {}
     name = ask(
         "tracker",

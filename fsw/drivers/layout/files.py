@@ -6,7 +6,7 @@ size and the number of its messages are bounded before a library sees it.
 
 import io
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -60,11 +60,18 @@ def read_messages(path: Path) -> dict[str, Message]:
     return _guarded(path, read)
 
 
-def read_node(path: Path, node_id: int) -> dict[str, Message]:
+def read_node(
+    path: Path, node_id: int, written: Mapping[tuple[int, int], int] | None = None
+) -> dict[str, Message]:
     """Return the transmit PDOs of an EDS or DCF as messages `TPDO1`, `TPDO2` ...
 
     A signal has the name of its object, such as `0x6064` or `0x2012:03`. Identifier, mapping and
     `Factor` are those of the file; a PDO that does not exist is left out.
+
+    Parameters
+    ----------
+    written : values that a master writes, by index and subindex; mapping entries without their
+        number of bits
 
     Raises
     ------
@@ -78,6 +85,8 @@ def read_node(path: Path, node_id: int) -> dict[str, Message]:
         own = io.StringIO(text)
         own.name = str(path)  # the library takes the kind of file from it
         objects = import_od(own, node_id)
+        for (index, sub), value in (written or {}).items():
+            _variable(objects, index, sub).value = _whole_entry(objects, index, sub, value)
         names = {0x1A00 + k: f"TPDO{k + 1}" for k in range(512) if 0x1A00 + k in objects}
         found = {name: _pdo(name, objects, index) for index, name in names.items()}
         return {name: message for name, message in found.items() if message is not None}
@@ -171,6 +180,7 @@ def _pdo(name: str, objects: "ObjectDictionary", index: int) -> Message | None:
                     number=_TYPES.get(own.data_type or 0, "unsigned"),
                     scale=own.factor,
                     unit=own.unit or "",
+                    title=own.name.rpartition(".")[2],
                 )
             )
         at += bits
@@ -182,6 +192,13 @@ def _pdo(name: str, objects: "ObjectDictionary", index: int) -> Message | None:
         length=(at + 7) // 8,
         signals=tuple(signals),
     )
+
+
+def _whole_entry(objects: "ObjectDictionary", index: int, sub: int, value: int) -> int:
+    """Return a written value; an entry of a mapping gets the number of bits of its object."""
+    if not (sub and 0x1A00 <= index < 0x1C00):
+        return value
+    return value | len(_variable(objects, value >> 16, value >> 8 & 0xFF))
 
 
 def _variable(objects: "ObjectDictionary", index: int, sub: int) -> "ODVariable":

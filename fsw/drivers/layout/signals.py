@@ -29,6 +29,7 @@ class Signal:
     scale: float = 1
     offset: float = 0
     unit: str = ""
+    title: str = ""  # words of the file, where the name is the number of an object
     invalid: int | None = None  # raw value that stands for no value
     selector: str = ""  # signal whose value says whether this one is in the frame; empty: always
     pages: frozenset[int] = frozenset()  # raw values of the selector with which it is
