@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from hil.devices.bus_toggle import BusToggle
 from hil.devices.can_segment import CanSegment, SyncProducer, TimedFrame
 from hil.devices.canopen import SYNC_ID, FieldScale, JointNode, Reading
-from hil.devices.cyclic import CyclicSegment
+from hil.devices.dialects import dialect_of
 from hil.devices.feed import Feed
+from hil.devices.foreign import ForeignSegment
 from hil.devices.imu import Imu
 from hil.devices.star_tracker import StarTracker
 from hil.devices.thruster import ThrusterNode
@@ -106,7 +107,7 @@ class Plant:
         if self.star_tracker is not None:
             self.lines["star_tracker"] = self.star_tracker
 
-    def _segment(self, name: str, index: int, seed: int, t0_ns: int) -> CanSegment | CyclicSegment:
+    def _segment(self, name: str, index: int, seed: int, t0_ns: int) -> CanSegment | ForeignSegment:
         joints = self.sensors.joints
         nodes: dict[int, JointNode] = {
             i: JointNode(
@@ -122,16 +123,9 @@ class Plant:
             if node.bus == name
         }
         nodes |= self._others.get(name, {})
-        axes = {
-            i: node.node_id
-            for i, node in enumerate(self.nodes)
-            if node.bus == name and node.format == "cyclic"
-        }
-        if axes:  # such drives need no SYNC: the truth begins with them
-            self.clock.start(t0_ns)
-            return CyclicSegment(
-                name, axes, self._measure, seed, index=index, rate_hz=self._rate_hz, t0_ns=t0_ns
-            )
+        if joints.dialect is not None:
+            numbers = {i: own.node_id for i, own in enumerate(self.nodes) if own.bus == name}
+            return self._foreign(name, joints.dialect, numbers, index, seed, t0_ns)
         return CanSegment(
             name,
             nodes,
@@ -139,6 +133,23 @@ class Plant:
             seed,
             index=index,
             heartbeat_s=joints.heartbeat_s,
+            t0_ns=t0_ns,
+        )
+
+    def _foreign(
+        self, name: str, dialect: str, numbers: dict[int, int], index: int, seed: int, t0_ns: int
+    ) -> ForeignSegment:
+        own = dialect_of(dialect)
+        if own.trigger != "sync":  # the truth begins with the drives
+            self.clock.start(t0_ns)
+        return ForeignSegment(
+            name,
+            own,
+            numbers,
+            self._measure,
+            seed,
+            index=index,
+            rate_hz=self._rate_hz,
             t0_ns=t0_ns,
         )
 
@@ -268,9 +279,9 @@ class Plant:
 
         return measure
 
-    def is_cyclic(self, bus: str) -> bool:
-        """Return whether the drives of a bus send by timers of their own."""
-        return isinstance(self.segments[bus], CyclicSegment)
+    def is_foreign(self, bus: str) -> bool:
+        """Return whether the drives of a bus speak a dialect."""
+        return isinstance(self.segments[bus], ForeignSegment)
 
     def sync_producer(self, t0_ns: int) -> SyncProducer | None:
         """Return a SYNC producer from `t0_ns`, or None if the host produces SYNC."""
@@ -279,7 +290,7 @@ class Plant:
             return None
         return SyncProducer(joints.sync_rate_hz, joints.sync_counter_max, t0_ns)
 
-    def _bus(self, bus: str | None) -> CanSegment | CyclicSegment:
+    def _bus(self, bus: str | None) -> CanSegment | ForeignSegment:
         return self.segments[bus] if bus is not None else next(iter(self.segments.values()))
 
     def on_frame(

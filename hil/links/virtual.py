@@ -53,8 +53,8 @@ class VirtualCan:
     stamp of a frame of the host from its true time. Within `lost_ns` the port raises PortError, as
     if its device were unplugged.
 
-    A frame's stamp is the time of the read. If the plant produces SYNC or its drives send
-    by timers of their own, the stamp is the frame's end on the bus, as from a kernel, because
+    A frame's stamp is the time of the read. If the plant produces SYNC or its drives speak
+    a dialect, the stamp is the frame's end on the bus, as from a kernel, because
     stamps then give the joints' times.
     """
 
@@ -63,7 +63,7 @@ class VirtualCan:
     def __init__(self, plant: Plant, clock: SimClock, bus: str, line: int = 0) -> None:
         """Connect the port; `line` 1 is the redundant bus of a pair."""
         self._producer = plant.sync_producer(clock.now_ns())
-        self._is_stamped = self._producer is not None or plant.is_cyclic(bus)
+        self._is_stamped = self._producer is not None or plant.is_foreign(bus)
         self.tap: FrameTap = _pass_frames
         self.outages_ns: list[tuple[int, int]] = []  # [from, to): frames are lost without an error
         self.bus, self.line = bus, line

@@ -40,7 +40,7 @@ from hil.world.history import TruthHistory
 from hil.world.prior import Prior, draw_prior
 from hil.world.robot import Robot, body_of
 from hil.world.scenario import Scenario, ScenarioError
-from hil.world.sensor_config import NodeConfig, SensorConfig
+from hil.world.sensor_config import SensorConfig
 from hil.world.simulation import simulate_in
 from hil.world.spline import JointSpline
 
@@ -137,8 +137,9 @@ def prepare(
     """
     if real_time and scenario.faults:
         raise ScenarioError("faults: a scenario's own need virtual time: add --fast")
-    if real_time and any(node.format == "cyclic" for node in _nodes_of(scenario)):
-        raise ScenarioError("sensors.joints.nodes: format cyclic needs virtual time: add --fast")
+    dialect = SensorConfig.from_dict(scenario.sensors).joints.dialect
+    if real_time and dialect is not None:
+        raise ScenarioError(f"sensors.joints.dialect: {dialect} needs virtual time: add --fast")
     robot = robot_of(scenario)
     spline = _motion("identification", scenario.identification, robot)
     _motion("verification", scenario.verification, robot)
@@ -209,10 +210,6 @@ def plant_of(scenario: Scenario, robot: Robot, history: TruthHistory, seed: int)
         thrusters=scenario.thrusters,
         sliding=robot.is_prismatic,
     )
-
-
-def _nodes_of(scenario: Scenario) -> Sequence[NodeConfig]:
-    return SensorConfig.from_dict(scenario.sensors).joints.nodes
 
 
 def robot_of(scenario: Scenario) -> Robot:

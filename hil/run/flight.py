@@ -8,7 +8,7 @@ from typing import Any
 import yaml
 
 from hil.run.flight_effects import draws, mode_sections, thruster_sections, wheel_sections
-from hil.run.flight_sensors import cyclic_bus, imu_section, joint_sections, star_tracker_section
+from hil.run.flight_sensors import dialect_bus, imu_section, joint_sections, star_tracker_section
 from hil.world.base_urdf import replace_base
 from hil.world.environment.config import OrbitSection
 from hil.world.environment.orbit import Orbit
@@ -86,7 +86,7 @@ def flight_document(
                 "sync": "producer" if sensors.joints.sync_rate_hz is None else "consumer",
                 "sync_counter_max": sensors.joints.sync_counter_max,
                 "latch_offset_s": sensors.joints.latch_offset_s,
-                **cyclic_bus(sensors, name),
+                **dialect_bus(sensors, name, len(joint_names)),
             }
             for name, settings in scenario.buses.items()
         ],

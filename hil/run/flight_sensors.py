@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from hil.devices.dialects import Dialect, dialect_of
 from hil.devices.imu_wire import wire_of
 from hil.judge.bound import Sensors
 from hil.judge.unknown_motion import Encoders
@@ -16,8 +17,7 @@ from hil.world.sensor_config import ImuSensorConfig, JointSensorConfig, NodeConf
 from hil.world.sensors import rotation_of
 
 FIRST_NODE_ID = 0x11
-CYCLIC_STAMP_S = 5e-6  # 1 sigma of a stamp that a line under the arrivals gives
-TORQUE_STEP_NM = {"classic": 1e-2, "fd": 1e-4, "cyclic": 0.0}  # wire resolution of joint nodes
+TORQUE_STEP_NM = {"classic": 1e-2, "fd": 1e-4}  # wire resolution of joint nodes
 POSITION_STEP_RAD = 2 * math.pi / 2**24
 OF_METRES = (("torque", "force"), ("_nms_rad", "_ns_m"), ("_rad", "_m"), ("_nm", "_n"))  # in keys
 
@@ -76,51 +76,49 @@ def _driver(joints: JointSensorConfig, node: NodeConfig) -> dict[str, Any]:
     """Return the keys of a joint that say how it is read: from the CAN bus, or in a feed."""
     if joints.feed is not None:
         return {"driver": "samples"}
-    if node.format != "cyclic":
+    dialect = own_dialect(joints)
+    if dialect is None:
         return {"node_id": node.node_id, "format": node.format}
-    axis = f"axis{node.node_id}"
-    return {
-        "driver": "described",
-        "signals": {
-            "position": {"message": f"{axis}_encoder", "signal": "position", "unit": "rev"},
-            "torque": {"message": f"{axis}_torques", "signal": "estimate", "unit": "N m"},
-        },
-        "timing": {"by": "arrival", "sigma_s": CYCLIC_STAMP_S, "delay_s": 3e-5},
-    }
+    return {"driver": "described", **dialect.joint(node.node_id)}
 
 
-def cyclic_bus(sensors: SensorConfig, bus: str) -> dict[str, Any]:
-    """Return the keys of a bus of drives that send by timers of their own; empty: another bus."""
-    axes = [
-        node.node_id for node in sensors.joints.nodes if node.bus == bus and node.format == "cyclic"
-    ]
+def own_dialect(joints: JointSensorConfig) -> Dialect | None:
+    """Return the dialect of the drives; None: the tailored format.
 
-    def pair(axis: int, command: int, name: str, fields: Sequence[str]) -> dict[str, Any]:
-        return {
-            "name": f"axis{axis}_{name}",
-            "id": axis << 5 | command,
-            "length": 8,
-            "signals": [
-                {"name": field, "start": 32 * k, "bits": 32, "number": "float"}
-                for k, field in enumerate(fields)
-            ],
-        }
+    Raises
+    ------
+    ScenarioError if there is no such dialect.
+    """
+    try:
+        return None if joints.dialect is None else dialect_of(joints.dialect)
+    except ValueError as error:
+        raise ScenarioError(f"sensors.{error}") from error
 
-    messages = [
-        message
-        for axis in axes
-        for message in (
-            pair(axis, 0x09, "encoder", ("position", "speed")),
-            pair(axis, 0x1C, "torques", ("target", "estimate")),
-        )
-    ]
-    return {"sync": "none", "listen_only": True, "messages": messages} if messages else {}
+
+def dialect_bus(sensors: SensorConfig, bus: str, n: int) -> dict[str, Any]:
+    """Return the keys of a bus whose drives speak a dialect; none: they speak the tailored one."""
+    dialect = own_dialect(sensors.joints)
+    if dialect is None:
+        return {}
+    nodes = [node.node_id for node in _nodes(sensors, n) if node.bus == bus]
+    messages = [dict(message) for node in nodes for message in dialect.messages(node)]
+    return {**dialect.bus, "messages": messages}
+
+
+def _steps(joints: JointSensorConfig, form: str = "classic") -> tuple[float, float]:
+    """Return the resolution of position [rad] and torque [N m] on the wire."""
+    dialect = own_dialect(joints)
+    if dialect is not None:
+        return dialect.position_step_rad, dialect.torque_step_nm
+    if joints.feed is not None:
+        return 0.0, 0.0
+    return POSITION_STEP_RAD, TORQUE_STEP_NM[form]
 
 
 def torque_noise_nm(joints: JointSensorConfig, node: NodeConfig, rate_hz: float) -> float:
     """Return 1 sigma of one torque sample [N m], including rounding on the wire."""
     sigma = _sigma(joints.torque_noise, rate_hz, joints.torque_noise_nm)
-    step_nm = 0.0 if joints.feed is not None else TORQUE_STEP_NM[node.format]
+    _, step_nm = _steps(joints, node.format)
     return math.hypot(sigma, step_nm / math.sqrt(12))
 
 
@@ -137,7 +135,7 @@ def position_noise_rad(
 ) -> float:
     """Return 1 sigma of one position sample: noise, encoder step, wire step, time-stamp noise."""
     encoder = 2 * math.pi / 2**joints.encoder_bits
-    wire = 0.0 if joints.feed is not None else POSITION_STEP_RAD
+    wire, _ = _steps(joints)
     step = math.hypot(encoder, wire) / math.sqrt(12)
     step /= math.tau if is_prismatic else 1.0
     noise = _sigma(joints.position_noise, rate_hz, joints.encoder_noise_rad)

@@ -47,7 +47,7 @@ class NodeConfig:
     __pydantic_config__ = STRICT
     node_id: int
     bus: str = "arm"
-    format: Literal["classic", "fd", "cyclic"] = "classic"  # cyclic: hil.devices.cyclic
+    format: Literal["classic", "fd"] = "classic"
     sign: Literal[-1, 1] = 1
     zero_offset_rad: float = 0.0
     torque_sensor: bool = True
@@ -116,6 +116,7 @@ class JointSensorConfig:
     sync_rate_hz: float | None = None  # the plant produces SYNC at this rate; null: the host
     redundancy: BusToggleConfig | None = None  # null: one bus
     feed: FeedConfig | None = None  # the joints are on no CAN bus; null: they are nodes
+    dialect: str | None = None  # of hil.devices.dialects; null: the tailored format
     nodes: tuple[NodeConfig, ...] = ()  # empty: nodes 0x11, 0x12, ..., classic, bus "arm"
 
 

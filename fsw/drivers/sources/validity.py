@@ -19,7 +19,6 @@ LATE_RATIO = 0.25  # of a period: if SETTLED arrivals in a row are later, the ph
 DOUBTED = 3  # impossible arrivals in a row after which the line begins anew
 REFUSED = -1
 ASSUMED_BITRATE = 1_000_000
-HEAD_BITS, EXTENDED_HEAD_BITS = 47, 67  # of a frame without data and stuff bits
 
 
 class Stamp(NamedTuple):
@@ -130,7 +129,14 @@ class ByDeviceTime:
 
 
 def wire_s(message: Message, bus: BusConfig) -> float:
-    """Return the least time of a message on the wire, without stuff bits [s]."""
-    bitrate = bus.bitrate or ASSUMED_BITRATE
-    head = EXTENDED_HEAD_BITS if message.is_extended else HEAD_BITS
-    return head / bitrate + 8 * message.length / (bus.data_bitrate or bitrate)
+    """Return the least time of a message on the wire, without stuff bits [s].
+
+    Source of the numbers of bits: ISO 11898-1:2015. A bus for CAN FD has frames of that form.
+    """
+    bitrate, data_bits = bus.bitrate or ASSUMED_BITRATE, 8 * message.length
+    if not bus.fd:
+        return ((67 if message.is_extended else 47) + data_bits) / bitrate
+    crc_bits = (17 + 6) if message.length <= 16 else (21 + 7)  # with fixed stuff bits
+    fast_bits = 5 + data_bits + 4 + crc_bits  # ESI, DLC; stuff count
+    slow_bits = 49 if message.is_extended else 30
+    return slow_bits / bitrate + fast_bits / (bus.data_bitrate or bitrate)
