@@ -1,6 +1,7 @@
 """Writes many messages of one length to an MCAP file at once."""
 
 from collections.abc import Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -73,12 +74,18 @@ def _records(
 ) -> NDArray[np.void]:
     """Return message records: operation code, length, channel, sequence, two times, data."""
     size = data.shape[1]
-    names = ["code", "length", "channel", "sequence", "logged", "published", "data"]
-    formats = ["u1", "<u8", "<u2", "<u4", "<u8", "<u8", f"({size},)u1"]
-    records = np.empty(len(data), np.dtype({"names": names, "formats": formats}))
+    records = np.empty(len(data), _layout(size))
     records["code"], records["length"] = Opcode.MESSAGE, _HEAD_BYTES + size
     records["channel"] = channel_id
     records["sequence"] = (sequence + np.arange(len(data))) & 0xFFFFFFFF
     records["logged"] = records["published"] = log_times_ns
     records["data"] = data
     return records
+
+
+@cache
+def _layout(size: int) -> np.dtype[np.void]:
+    """Return the layout of a message record with `size` bytes of data."""
+    names = ["code", "length", "channel", "sequence", "logged", "published", "data"]
+    formats = ["u1", "<u8", "<u2", "<u4", "<u8", "<u8", f"({size},)u1"]
+    return np.dtype({"names": names, "formats": formats})

@@ -9,6 +9,7 @@ import json
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,14 @@ import numpy as np
 
 from fsw.commands.replay import replay
 from fsw.config import Config
-from fsw.drivers.wire import ByteChunk, CanFrame, frame_array, pack_frame, unpack_frame
+from fsw.drivers.wire import (
+    ByteChunk,
+    CanFrame,
+    FrameArray,
+    frame_list,
+    frames_from,
+    pack_frame,
+)
 from fsw.exchange.recording import RecordedMessage, messages
 from fsw.exchange.recording_writer import RecordingWriter
 from fsw.exchange.sinks import CanTraffic, SerialTraffic
@@ -98,18 +106,28 @@ def read(path: Path) -> list[RecordedMessage]:
 def write(path: Path, records: Sequence[RecordedMessage]) -> Path:
     """Write a recording; the chunks and frames keep their order."""
     writer = RecordingWriter(path)
-    for record in records:
-        if record.topic == ARM:
-            frame = unpack_frame(record.t_ns, record.data)
-            assert frame is not None
-            writer.traffic(CanTraffic("arm", frame_array([frame])))
-        elif record.topic == "/tc":
-            writer.json("/tc", record.t_ns, json.loads(record.data))
+    for topic, run in groupby(records, key=lambda record: record.topic):
+        own = list(run)
+        if topic == ARM:
+            writer.traffic(CanTraffic("arm", frames_of(own)))
+        elif topic == "/tc":
+            for record in own:
+                writer.json("/tc", record.t_ns, json.loads(record.data))
         else:
-            device = record.topic.removeprefix("/serial/")
-            writer.traffic(SerialTraffic(device, [ByteChunk(record.t_ns, record.data)]))
+            chunks = [ByteChunk(record.t_ns, record.data) for record in own]
+            writer.traffic(SerialTraffic(topic.removeprefix("/serial/"), chunks))
     writer.close()
     return path
+
+
+def frames_of(records: Sequence[RecordedMessage]) -> FrameArray:
+    """Return the frames of records of the arm's bus; every one of them is a classic frame."""
+    stamps_ns = np.array([record.t_ns for record in records])
+    rows = np.frombuffer(b"".join(record.data for record in records), np.uint8)
+    rows = rows.reshape(len(records), -1)
+    frames = frames_from(stamps_ns, rows, np.full(len(records), rows.shape[1]))
+    assert len(frames) == len(records)
+    return frames
 
 
 def tapped(
@@ -117,18 +135,19 @@ def tapped(
 ) -> list[RecordedMessage]:
     """Return the records after each topic's tap; SYNC and what the host sent pass untouched."""
     out = []
+    frames = iter(frame_list(frames_of([record for record in records if record.topic == ARM])))
     for record in records:
         tap = taps.get(record.topic)
-        if tap is None:
+        frame = next(frames) if record.topic == ARM else None
+        if tap is None or (frame is not None and frame.can_id <= 0x080):
             out.append(record)
-        elif record.topic == ARM:
-            frame = unpack_frame(record.t_ns, record.data)
-            assert frame is not None
-            if frame.can_id <= 0x080:
+        elif frame is not None:
+            item = (frame.t_ns, frame.can_id, frame.data, frame.is_fd)
+            tapped_items = tap([item])
+            if list(tapped_items) == [item]:
                 out.append(record)
                 continue
-            item = (frame.t_ns, frame.can_id, frame.data, frame.is_fd)
-            for t_ns, can_id, data, is_fd in tap([item]):
+            for t_ns, can_id, data, is_fd in tapped_items:
                 changed = CanFrame(t_ns, can_id, data, is_fd)
                 out.append(RecordedMessage(t_ns, (), ARM, pack_frame(changed)))
         else:
