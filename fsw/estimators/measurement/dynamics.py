@@ -88,10 +88,8 @@ def dynamics(
         Y -= Y_field
     by_angle = h_by_angle = None
     if s.angles_are_noisy or needs_angle_columns(problem) or present(problem.at("mode_start")):
-        by_angle, h_by_angle = np.empty((*H.shape[:2], n)), np.empty((N, 6, n))
-        for i in range(N):
-            by_angle[i] = model.angle_derivative(q[i], w[i], qd[i], a[i])
-            h_by_angle[i] = model.momentum_derivative(q[i], nu[i])
+        by_angle = model.angle_derivatives(q, w, qd, a)
+        h_by_angle = model.momentum_derivatives(q, nu)
     return Dynamics(
         H=H,
         H_bb_inverse=inverse,

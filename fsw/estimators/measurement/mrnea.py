@@ -172,9 +172,7 @@ def _by_angle(
     s: BlockStack, w: FloatArray, acceleration: FloatArray, problem: Problem, more: Added
 ) -> FloatArray:
     """Return d(generalised force)/dq (N, 6 + n, n), with the torques `more`."""
-    states = zip(s.q_rad, w, s.qd_rad_s, acceleration, strict=True)
-    # a copy: the model has one array for every state
-    D_q = np.stack([problem.model.angle_derivative(*state).copy() for state in states])
+    D_q = problem.model.angle_derivatives(s.q_rad, w, s.qd_rad_s, acceleration)
     D_q[:, 6:] += more.by_angle[:, :, None] * np.eye(s.n)
     return D_q
 

@@ -66,25 +66,15 @@ class Linearisation:
         before: Impulse | None = None
         for first in range(0, len(self._blocks), MOST_BLOCKS):
             stacks = stacks_of(self._blocks[first : first + MOST_BLOCKS])
-            found, before = self._linearised(stacks, x, before)
+            found, before = linearised(self._rows, stacks, x, before)
             yield found
 
     def _kept(self, x: FloatArray) -> list[Rows]:
         if self._x is None or self._x.tobytes() != x.tobytes():
             self._x = None
-            self._found, _ = self._linearised(self._stacks, x, None)
+            self._found, _ = linearised(self._rows, self._stacks, x, None)
             self._x = x.copy()
         return self._found
-
-    def _linearised(
-        self, stacks: Sequence[BlockStack], x: FloatArray, before: Impulse | None
-    ) -> tuple[list[Rows], Impulse | None]:
-        """Return the rows of stacks, and the momentum gained after them."""
-        found = list[Rows]()
-        for s in stacks:
-            found += self._rows.stacked(s, x, before)
-            before = found[-1].after
-        return found, before
 
 
 class _Passes(Collection[Rows]):
@@ -106,15 +96,30 @@ class _Passes(Collection[Rows]):
 
 
 def usable_rows(
-    rows: RowsFunction, block: Block, at: FloatArray, before: Impulse | None
-) -> Rows | None:
-    """Return a block's rows; None if the base has no inertia there or they are not finite."""
+    rows: RowsFunction, blocks: Sequence[Block], at: FloatArray, before: Impulse | None
+) -> list[Rows]:
+    """Return the rows of consecutive blocks, momentum carried from block to block.
+
+    Nothing if for one of them the base has no inertia there or the rows are not finite.
+    """
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         try:
-            made = rows(block, at, before)
+            made, _ = linearised(rows, stacks_of(blocks), at, before)
         except ValueError:  # LinAlgError, or scipy's check of its input
-            return None
-    return made if np.all(np.isfinite(made.A)) and np.all(np.isfinite(made.b)) else None
+            return []
+    finite = all(np.all(np.isfinite(own.A)) and np.all(np.isfinite(own.b)) for own in made)
+    return made if finite else []
+
+
+def linearised(
+    rows: RowsFunction, stacks: Sequence[BlockStack], x: FloatArray, before: Impulse | None
+) -> tuple[list[Rows], Impulse | None]:
+    """Return the rows of stacks, and the momentum gained after them."""
+    found = list[Rows]()
+    for s in stacks:
+        found += rows.stacked(s, x, before)
+        before = found[-1].after
+    return found, before
 
 
 def stack(rows: RowsFunction, blocks: Sequence[Block], x: FloatArray) -> Collection[Rows]:

@@ -28,7 +28,7 @@ from fsw.estimators.model.field import field_wrenches
 from fsw.estimators.model.inertia import PARAMETERS, frame_change, frame_changes, pseudo_inertia
 from fsw.estimators.model.urdf import UNLIMITED, dynamics_of
 from fsw.estimators.model.wrench_sensor import WrenchSensor, with_sensors
-from fsw.messages import FloatArray
+from fsw.messages import FloatArray, IntArray
 
 REVOLUTE = ("JointModelRX", "JointModelRY", "JointModelRZ", "JointModelRevoluteUnaligned")
 PRISMATIC = "JointModelP"
@@ -259,21 +259,26 @@ class RobotModel:
         derivative: FloatArray = self.bias_derivatives(q[None], w[None], qd[None], a[None])[0]
         return derivative
 
-    def angle_derivative(
+    def angle_derivatives(
         self, q: FloatArray, w: FloatArray, qd: FloatArray, a: FloatArray
     ) -> FloatArray:
-        """Return d(generalised force)/dq (R, n) at fixed velocity and acceleration."""
-        Q, V = self._states(q[None], w[None], qd[None])
-        pin.computeRNEADerivatives(self.model, self.data, Q[0], V[0], self._motions(a[None])[0])
-        derivative: FloatArray = self.data.dtau_dq[self._rows[:, None], self._moves[6:]]
-        return derivative
+        """Return d(generalised force)/dq (N, R, n) at N states of fixed velocity, acceleration."""
+        Q, V = self._states(q, w, qd)
+        return self._by_angle(Q, V, self._motions(a), self._rows)
 
-    def momentum_derivative(self, q: FloatArray, nu: FloatArray) -> FloatArray:
-        """Return d(base momentum)/dq (6, n) at fixed velocity nu (6+n,)."""
-        Q, V = self._angles(q[None])[0], self._motions(nu[None])[0]
-        pin.computeRNEADerivatives(self.model, self.data, Q, self._zero, V)
-        derivative: FloatArray = self.data.dtau_dq[:6, self._moves[6:]]
-        return derivative
+    def momentum_derivatives(self, q: FloatArray, nu: FloatArray) -> FloatArray:
+        """Return d(base momentum)/dq (N, 6, n) at N states of fixed velocity nu (N, 6+n)."""
+        still = np.broadcast_to(self._zero, (len(q), self._zero.size))
+        return self._by_angle(self._angles(q), still, self._motions(nu), np.arange(6))
+
+    def _by_angle(self, Q: FloatArray, V: FloatArray, A: FloatArray, rows: IntArray) -> FloatArray:
+        own = rows[:, None], self._moves[6:]
+        out = np.empty((len(Q), len(rows), len(self._moves) - 6))
+        model, data, evaluate = self.model, self.data, pin.computeRNEADerivatives
+        for i in range(len(Q)):
+            evaluate(model, data, Q[i], V[i], A[i])
+            out[i] = data.dtau_dq[own]
+        return out
 
     def regressors(self, q: FloatArray, w: FloatArray, qd: FloatArray, a: FloatArray) -> FloatArray:
         """Return `regressor` at N states, (N, R, 10 K); arguments have N rows."""

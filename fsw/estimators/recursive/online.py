@@ -165,8 +165,7 @@ class OnlineEstimator:
         due, self._due = self._due, 0
         try:
             while due > 0 and self.recursion.has_work:
-                self.recursion.work()
-                due -= 1
+                due -= self.recursion.work(due)
             self.recursion.memory.make_one()
             if self.rival is not None:
                 self.rival.recursion.memory.make_one()

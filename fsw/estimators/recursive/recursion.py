@@ -1,7 +1,7 @@
 """The recursion: its state and memory, and the bounded units of work that keep both up to date.
 
 A block is folded into the square-root information at once; passes over the stored blocks then
-re-linearise them at the current estimate, one block per unit of work. A run of blocks that noise
+re-linearise them at the current estimate, a block per unit of work. A run of blocks that noise
 does not explain re-opens the estimate to the prior's spread; a prior that the data contradict is
 widened. Both are reported as events. `online` decides when units of work are done.
 """
@@ -9,7 +9,7 @@ widened. Both are reported as events. `online` decides when units of work are do
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from copy import copy, deepcopy
 from dataclasses import replace
 from typing import Any
@@ -45,6 +45,7 @@ WATCH_BLOCKS = 2  # between two looks for what creeps
 LEVEL_BLOCKS = 64  # newest blocks that determine the noise level
 ABSURD = 1e12  # normalised innovation squared per degree of freedom at which any block is rejected
 EVENT_LIMIT = 64
+AT_ONCE = 16  # most blocks that are re-linearised at once where nothing waits for it
 SAMPLES = 8  # stored blocks that show whether a pass is worth its time
 
 _STATE = (
@@ -204,8 +205,13 @@ class Recursion:
     def _after_pass(self) -> bool:
         return self._level_due or self._check_due or self._watch_due
 
-    def work(self) -> None:
-        """Do one unit: learn the noise level, check the prior, look for what creeps, or a pass."""
+    def work(self, most: int = 1) -> int:
+        """Do units of work, `most` at most; return how many.
+
+        One unit: learn the noise level, check the prior, look for what creeps, begin a pass, or
+        re-linearise a block in a pass. Only the blocks of a pass are more than one unit.
+        """
+        units = 1
         if self._level_due:
             self._learn_level()
         elif self._check_due:
@@ -213,9 +219,11 @@ class Recursion:
         elif self._watch_due:
             self._watch()
         elif self.memory.in_pass:
-            self._advance_pass()
+            units = max(1, min(most, self.memory.left))
+            self._advance_pass(units)
         else:
             self._begin_pass()
+        return units
 
     def settle(self, max_passes: int) -> None:
         """Re-linearise everything until it no longer moves the estimate noticeably."""
@@ -226,7 +234,7 @@ class Recursion:
             rests = self.pacing.settled and not self.memory.in_pass and not self._after_pass
             if rests and self._drift() < SETTLED / 10:
                 break
-            self.work()
+            self.work(AT_ONCE)
 
     def fold(self, block: Block) -> bool:
         """Linearise a new block, judge it, and fold it in if it fits.
@@ -246,7 +254,7 @@ class Recursion:
         at = self.memory.at if self._in_doubt else self._point()
         if not self.linear and not len(self.memory) and not self.since:
             self.memory.at = at = at_first_rate(block, at, self.problem)
-        rows = self._usable_rows(block, at, self.memory.gained) if plausible(block) else None
+        rows = self._newest_rows(block, at) if plausible(block) else None
         if rows is not None and self.armed:
             block, rows = self._screened(block, rows, at)
         self.used = block
@@ -320,7 +328,7 @@ class Recursion:
         used = self.screen.judge(block, rows, self.x - at, root, level)
         if used is block:
             return block, rows
-        return used, self._usable_rows(used, at, self.memory.gained)
+        return used, self._newest_rows(used, at)
 
     def residual_variance(self) -> float:
         """Return the residuals' variance over the declared one, for the linear regression.
@@ -365,8 +373,15 @@ class Recursion:
             elapsed_s = max(0, end_ns - self.span_ns[1]) * 1e-9
             self.memory.age(float(np.exp(-0.5 * elapsed_s / time_s)))
 
-    def _usable_rows(self, block: Block, at: FloatArray, before: Impulse | None) -> Rows | None:
-        noted = self.noise.applied(self.origin.in_epoch(block))
+    def _newest_rows(self, block: Block, at: FloatArray) -> Rows | None:
+        """Return the rows of a block after all stored ones; None if they are not usable."""
+        found = self._usable_rows((block,), at, self.memory.gained)
+        return found[0] if found else None
+
+    def _usable_rows(
+        self, blocks: Sequence[Block], at: FloatArray, before: Impulse | None
+    ) -> list[Rows]:
+        noted = [self.noise.applied(self.origin.in_epoch(block)) for block in blocks]
         return usable_rows(self._rows, noted, at, before)
 
     def _solve(self) -> bool:
@@ -455,10 +470,10 @@ class Recursion:
         step = pacing.rms(solve_triangular(memory.information.R, pull, trans=1))
         return wanted, step if step < pacing.WORTH else None
 
-    def _advance_pass(self) -> None:
+    def _advance_pass(self, most: int) -> None:
         memory = self.memory
         x, R = self.x, memory.information.R
-        if not memory.advance(self._usable_rows):
+        if not memory.advance(self._usable_rows, most):
             return
         memory.replace_prior(self.origin.information(memory.at))
         if not self._solve():

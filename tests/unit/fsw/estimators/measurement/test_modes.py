@@ -1,6 +1,7 @@
 """Modes of the base in the measurement model: against MuJoCo, derivatives, gaps, priors."""
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -160,7 +161,7 @@ def test_a_base_is_linearised_as_more_than_its_modes() -> None:
     assert is_consistent(problem.modes.released.pi(at)[:PARAMETERS])
     sigma = np.sqrt(np.diag(problem.prior_covariance)[problem.at("mode_frequency")])
     assert np.all(np.abs(at[problem.at("mode_frequency")]) <= 3.0 * sigma)
-    assert usable_rows(rows, block, at, None) is not None
+    assert usable_rows(rows, [block], at, None)
     heavy = true_state(problem)
     assert problem.consistent(heavy, lambda: problem.prior_covariance) is heavy
 
@@ -205,9 +206,9 @@ def test_after_a_pass_the_modes_are_carried_from_its_point_though_blocks_came_me
         memory.add(block, rows(block, first, memory.gained), first, keep=True)
     memory.begin(x)
     for block in blocks[6:9]:
-        assert not memory.advance(rows)
+        assert not memory.advance(partial(usable_rows, rows))
         memory.add(block, rows(block, x, memory.gained), x, keep=True)
-    while not memory.advance(rows):
+    while not memory.advance(partial(usable_rows, rows), 4):
         pass
     before, swept = None, prior
     for block in blocks[:9]:

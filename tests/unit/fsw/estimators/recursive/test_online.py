@@ -1,6 +1,8 @@
 """The recursive estimator: equal to the batch, consistent, bounded, and honest about validity."""
 
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,8 +10,9 @@ from scipy.stats import chi2
 
 from fsw.config import Config
 from fsw.estimators.measurement.mrnea import Rows, mrnea_rows
-from fsw.estimators.measurement.row_functions import row_function
+from fsw.estimators.measurement.row_functions import RowsFunction, row_function, usable_rows
 from fsw.estimators.model.building import build_problem
+from fsw.estimators.recursive import recursion
 from fsw.estimators.recursive.online import WORK_PER_BLOCK, OnlineEstimator, build_online
 from fsw.estimators.recursive.origin import FLAT_PRIOR
 from fsw.estimators.recursive.pacing import WORTH
@@ -119,14 +122,13 @@ def test_passes_that_would_change_nothing_are_not_made(
 
     def watched() -> tuple[list[Estimate], list[int], int]:
         online, passes, calls = build_online(config, robot_model()), list[int](), 0
-        rows = online.rows.__call__
 
-        def counted(*arguments: object) -> Rows:
+        def counted(rows: RowsFunction, blocks: Sequence[Block], *arguments: Any) -> list[Rows]:
             nonlocal calls
-            calls += 1
-            return rows(*arguments)
+            calls += len(blocks)
+            return usable_rows(rows, blocks, *arguments)
 
-        monkeypatch.setattr(online.recursion, "_rows", counted)
+        monkeypatch.setattr(recursion, "usable_rows", counted)
         estimates = []
         for block in blocks:
             estimates.append(online.push(block))
@@ -134,7 +136,7 @@ def test_passes_that_would_change_nothing_are_not_made(
         return estimates, passes, calls
 
     some, few, rare = watched()
-    monkeypatch.setattr("fsw.estimators.recursive.recursion.SAMPLES", 10**6)
+    monkeypatch.setattr(recursion, "SAMPLES", 10**6)
     every, many, often = watched()
     assert few[-1] < many[-1]
     assert rare < 0.75 * often
