@@ -5,6 +5,7 @@ size and the number of its messages are bounded before a library sees it.
 """
 
 import io
+import logging
 import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -38,6 +39,9 @@ _TYPES: dict[int, Number] = {  # CiA 301 data types that are numbers
 DUMMIES = range(1, 8)  # indexes of entries that only fill a gap
 VALID, EXTENDED = 1 << 31, 1 << 29  # bits of a COB-ID entry; the first means: does not exist
 MULTIPLEXED = (254, 255)  # number of mapped objects of a multiplexed PDO
+
+for _library in ("canopen", "cantools"):  # what they log is no line of this program
+    logging.getLogger(_library).addHandler(logging.NullHandler())
 
 
 def read_messages(path: Path) -> dict[str, Message]:

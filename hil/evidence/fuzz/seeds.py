@@ -21,6 +21,7 @@ from fsw.telemetry.state.epoch import Epoch
 from fsw.telemetry.state.packet_store import PacketStore
 from hil.devices import sagitta as sagitta_device
 from hil.evidence.fuzz.delivery_target import ANY, DATA, END, METADATA
+from hil.evidence.fuzz.description_target import KINDS
 from hil.evidence.fuzz.hostile import PATHS, ROBOT_EDITS, TEXTS
 from hil.evidence.fuzz.oracle import ENDS_CHUNK, SEALED
 from hil.evidence.fuzz.text_targets import CORRECT
@@ -28,6 +29,54 @@ from hil.evidence.fuzz.text_targets import CORRECT
 # docs/icd.md section 2, without the CRC, which sealing adds
 STIM_VECTOR = bytes.fromhex(
     "a5004000008000ff40000000cccdfe666600666600190019801a0000180018801900002a04d2"
+)
+DESCRIPTIONS = (
+    (
+        ".dbc",
+        b'VERSION ""\nNS_ :\nBS_:\nBU_: A\nBO_ 9 E: 8 A\n SG_ M M : 0|8@1+ (1,0) [0|0] "" A\n'
+        b' SG_ p m1 : 15|16@0- (0.1,-3) [0|0] "deg" A\n SG_ f m2 : 32|32@1- (1,0) [0|0] "" A\n'
+        b"SIG_VALTYPE_ 9 f : 1;\n",
+    ),
+    (
+        ".kcd",
+        b'<NetworkDefinition xmlns="http://kayak.2codeornot2code.org/1.0"><Document/><Bus name="a">'
+        b'<Message id="0x9" name="E" length="8"><Signal name="p" offset="3" length="13">'
+        b'<Value type="signed" slope="0.5"/></Signal></Message></Bus></NetworkDefinition>',
+    ),
+    (
+        ".sym",
+        b'FormatVersion=6.0 // a\nTitle="a"\n{SIGNALS}\nSig=p signed 16 /f:0.1\n{SENDRECEIVE}\n'
+        b"[E]\nID=009h\nLen=8\nSig=p 0\n",
+    ),
+    (
+        ".arxml",
+        b'<?xml version="1.0"?><AUTOSAR xmlns="http://autosar.org/schema/r4.0"><AR-PACKAGES>'
+        b"<AR-PACKAGE><SHORT-NAME>a</SHORT-NAME><ELEMENTS/></AR-PACKAGE></AR-PACKAGES></AUTOSAR>",
+    ),
+    *(
+        (
+            kind,
+            b"[6064]\nParameterName=p\nObjectType=7\nDataType=4\nAccessType=rw\n"
+            b"[1800]\nParameterName=c\nObjectType=9\nSubNumber=2\n[1800sub0]\nParameterName=n\n"
+            b"DataType=5\nAccessType=ro\nDefaultValue=1\n[1800sub1]\nParameterName=i\nDataType=7\n"
+            b"AccessType=rw\nDefaultValue=$NODEID+0x180\n[1A00]\nParameterName=m\nObjectType=9\n"
+            b"SubNumber=2\n[1A00sub0]\nParameterName=n\nDataType=5\nAccessType=rw\n"
+            b"DefaultValue=1\n[1A00sub1]\nParameterName=e\nDataType=7\nAccessType=rw\n"
+            b"DefaultValue=0x60640020\n",
+        )
+        for kind in (".eds", ".dcf")
+    ),
+    (
+        "keys",
+        b"[{name: m, id: 9, length: 8, signals: [{name: p, start: 15, bits: 16, order: big, "
+        b"range: [-3, 3]}, {name: t, start: 24, bits: 12, number: signed, scale: 0.1}]}]",
+    ),
+    (
+        "keys",
+        b"[{name: m, id: 9, extended: true, length: 12, signals: [{name: p, start: 0, bits: 32, "
+        b"number: float, invalid: 7}, {name: x, start: 40, bits: 3}, {name: t, start: 64, "
+        b"bits: 16, multiplexer: x, pages: [1]}]}]",
+    ),
 )
 
 
@@ -45,6 +94,7 @@ def seeds(name: str) -> list[bytes]:
         "mip": lambda: _serial(_mip()),
         "sagitta": lambda: _serial(_solution()),
         "feed": _feeds,
+        "description": lambda: [bytes((KINDS.index(kind),)) + text for kind, text in DESCRIPTIONS],
         "command": _commands,
         "config": lambda: [
             CORRECT,

@@ -1,6 +1,8 @@
 """Descriptions in files: read as the libraries read them; whatever else a file is, is one line."""
 
 import math
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -165,6 +167,18 @@ def test_a_hostile_file_is_one_line(
     assert line.startswith(f"{path}: {words}")
     assert len(line) < len(str(path)) + 400
     assert time.monotonic() - began_s < 5.0
+
+
+def test_a_library_writes_no_lines_of_its_own(tmp_path: Path) -> None:
+    """A file without its mandatory section is read; the library's complaint is no output."""
+    path = tmp_path / "node.eds"
+    path.write_text(EDS.removeprefix("[DeviceInfo]\n"))
+    words = "import sys, pathlib; from fsw.drivers.layout.files import read_node; "
+    words += "print(sorted(read_node(pathlib.Path(sys.argv[1]), 1)))"
+    done = subprocess.run(
+        [sys.executable, "-c", words, str(path)], capture_output=True, text=True, check=False
+    )
+    assert (done.stdout.strip(), done.stderr) == ("['TPDO1']", "")
 
 
 def test_as_many_messages_as_allowed_are_read_in_bounded_time(
