@@ -3,6 +3,7 @@
 Logs that are right agree with their configuration.
 """
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -122,6 +123,10 @@ def torques_exchanged(data: Any) -> None:
         data["joints"][one]["signals"]["torque"]["message"] = f"drive{other}"
 
 
+def counted_the_other_way(data: Any) -> None:
+    data["joints"][1]["sign"] *= -1
+
+
 MISTAKES = {
     degrees_as_rad: ("joints.1", "joint2", "57.3 times too large"),
     rad_as_degrees: ("joints.1", "joint2", "57.3 times too small"),
@@ -137,14 +142,44 @@ MISTAKES = {
     torque_as_angle: ("joints.1.signals.position", "exchanged"),
     joints_exchanged: ("joints.1.signals and joints.2.signals", "swapped"),
     torques_exchanged: ("joints.1 and joints.2", "torques are exchanged"),
+    counted_the_other_way: ("joints.1.sign (joint2)",),
 }
+PAGE = Path(__file__).parents[4] / "docs" / "howto" / "when_wrong.md"
+ROW = re.compile(r"^\| (.+?) \| `(.+?)` \| (.+) \|$", re.MULTILINE)
+WORDS = {row[0]: row[1] for row in ROW.findall(PAGE.read_text().partition("## Wires")[2])}
+ROWS = {
+    "a joint in degrees, read as rad": degrees_as_rad,
+    "a joint in rad, read as degrees": rad_as_degrees,
+    "all joints in degrees, read as rad": all_degrees_as_rad,
+    "a torque in mN m, read as N m": torque_in_mnm,
+    "a torque per mille, of another rated torque": torque_per_mille,
+    "byte order of an angle": angle_big_endian,
+    "byte order of a torque": torque_big_endian,
+    "a signed angle read as unsigned": negative_angle_unsigned,
+    "a signed torque read as unsigned": torque_unsigned,
+    "the speed in place of the angle": speed_as_angle,
+    "angle and torque exchanged": torque_as_angle,
+    "two joints exchanged": joints_exchanged,
+    "torques of two joints exchanged": torques_exchanged,
+    "a drive that counts the other way": counted_the_other_way,
+}
+MOTOR, RATE, BEFORE = (
+    "torque of the motor, taken for that of the link",
+    "another rate of the frames",
+    "values of the period before",
+)
+
+
+def test_every_row_of_the_page_is_made_here():
+    assert set(WORDS) == {*ROWS, MOTOR, RATE, BEFORE}
 
 
 @pytest.mark.parametrize("mistake", MISTAKES, ids=lambda own: own.__name__)
 def test_a_mistake_in_a_description_is_named(setup, mistake, tmp_path, capsys):
     code, lines, err = checked(setup, tmp_path, capsys, mistake)
     said = wrong(lines)
-    missing = [words for words in MISTAKES[mistake] if words not in said]
+    rows = [WORDS[row] for row, own in ROWS.items() if own is mistake]
+    missing = [words for words in (*MISTAKES[mistake], *rows) if words not in said]
     assert (code, missing) == (1, []), "\n".join([*lines, err])
 
 
@@ -155,6 +190,12 @@ def test_a_rate_that_is_off_is_found_as_it_is(setup, rate_hz, tmp_path, capsys):
     own = next(line for line in lines if "buses.0.rate_hz" in line)
     found = float(own.rpartition(" come at ")[2].split()[0])
     assert abs(found / rate_hz - 1.0) < 1e-4, own
+    assert WORDS[RATE] in own
+
+
+def test_torques_of_motors_are_named(setup, tmp_path, capsys):
+    code, lines, err = checked(setup, tmp_path, capsys, lambda _: None, is_motor=True)
+    assert (code, WORDS[MOTOR] in wrong(lines)) == (1, True), "\n".join([*lines, err])
 
 
 def test_a_log_without_the_other_sensors_is_judged_by_its_frames(setup, tmp_path, capsys):
@@ -191,4 +232,4 @@ def test_positions_and_torques_of_the_period_before_are_named(tmp_path, capsys):
     capsys.readouterr()
     code = main(["check", str(path), str(out)])
     lines = capsys.readouterr().out.splitlines()
-    assert (code, "one period of bus arm" in wrong(lines)) == (1, True), "\n".join(lines)
+    assert (code, WORDS[BEFORE] in wrong(lines)) == (1, True), "\n".join(lines)
