@@ -9,6 +9,7 @@ hull at mid-span: for evenly spaced minima, the line below them with the least s
 import itertools
 import math
 from collections import deque
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -115,6 +116,46 @@ class ClockModel:
             offset[start + 1 : stop + 1] = np.minimum(least, self._offset_ns)
             self._offset_ns = float(offset[stop])
         return np.asarray(x * 1e9 + offset[known] + slope[known] * x)
+
+    def follow_near(
+        self, n: int, t_ns: Sequence[int], rest_ns: float, early_ns: float, late_ns: float
+    ) -> list[float]:
+        """Record items of device times n, n + 1 ... while each arrives near the line.
+
+        The result is that of `observe` and `predict_ns` called item by item.
+
+        Parameters
+        ----------
+        t_ns, rest_ns : item k arrived by t_ns[k] + rest_ns
+        early_ns, late_ns : bounds of an arrival before and after the line
+
+        Returns
+        -------
+        host times less `reference_ns` [ns] of the recorded items, up to the first that is not near
+        """
+        found: list[float] = []
+        t0_ns, tick_s, offset, slope = self._t0_ns, self._tick_s, self._offset_ns, self._slope
+        lowest, edge = self._lowest[1], (self._bin + 1) * BIN_S
+        steps = n - self._n0
+        for stamp_ns in t_ns:
+            x = steps * tick_s
+            x_ns = x * 1e9
+            residual = (stamp_ns - t0_ns) + (rest_ns - x_ns)
+            least = residual - slope * x
+            if not -early_ns < least - offset < late_ns:
+                break
+            if x >= edge:
+                self._close_bin()
+                offset, slope, self._bin = self._offset_ns, self._slope, int(x / BIN_S)
+                edge, lowest = (self._bin + 1) * BIN_S, math.inf
+                least = residual - slope * x
+            if residual < lowest:
+                lowest, self._lowest = residual, (x, residual)
+            if least < offset:
+                self._offset_ns = offset = least
+            found.append(x_ns + offset + slope * x)
+            steps += 1
+        return found
 
     @property
     def reference_ns(self) -> int:

@@ -22,7 +22,7 @@ from fsw.drivers.layout.joints import (
 from fsw.drivers.sources.bus_errors import BusErrors
 from fsw.drivers.sources.counters import Counters
 from fsw.drivers.sources.described_frames import FrameReader
-from fsw.drivers.sources.groups import Arrivals, Group, Grouping
+from fsw.drivers.sources.groups import Arrivals, Groupings
 from fsw.drivers.sources.joint_track import HISTORY_SYNCS, Calibration, JointTracks, Readings
 from fsw.drivers.sources.sync import UNKNOWN, SyncHistory, history_of
 from fsw.drivers.sources.validity import ByArrival, ByDeviceTime, Validity, wire_s
@@ -78,10 +78,12 @@ class DescribedBusSource:
         self._calibration = Calibration(self._joints, on_wire=False)
         self._senses = np.array([joint.torque != "none" for joint in self._joints])
         timings = [_timing_of(joint) for joint in self._joints]
-        self._groups = [
-            Grouping(len(layout.messages), round((own.spread_s or SPREAD_RATIO * period_s) * 1e9))
-            for own, layout in zip(timings, self._layouts, strict=True)
-        ]
+        self._groups = Groupings(
+            [
+                (len(layout.messages), round((own.spread_s or SPREAD_RATIO * period_s) * 1e9))
+                for own, layout in zip(timings, self._layouts, strict=True)
+            ]
+        )
         self._delay_ns = np.array([round(own.delay_s * 1e9) for own in timings])
         self._latest_ns = np.array(
             [round((own.latest_s or LATEST_RATIO * period_s) * 1e9) for own in timings]
@@ -116,7 +118,7 @@ class DescribedBusSource:
         out["error_frames"] = self._errors.frames
         out.update({f"can_{name}": count for name, count in self._errors.counts.items()})
         out["torque_unusable"] = self._torque_unusable
-        out["incomplete"] = sum(group.headless for group in self._groups)
+        out["incomplete"] = self._groups.headless
         return out
 
     @property
@@ -203,19 +205,11 @@ class DescribedBusSource:
 
     def _grouped(self, joint: IntArray, arrivals: Arrivals) -> _Timed:
         """Return the samples of all joints."""
-        bounds = np.searchsorted(joint, np.arange(len(self._joints) + 1)).tolist()
-        groups: list[Group] = []
-        counts = []
-        for place, group in enumerate(self._groups):
-            own = arrivals.part(slice(bounds[place], bounds[place + 1]))
-            if len(own.t_ns):
-                self._heard_ns[place] = int(own.t_ns[-1])
-            groups.append(group.feed(own))
-            counts.append(len(groups[-1].sent_ns))
-        return _Timed(
-            np.repeat(np.arange(len(counts)), counts),
-            *(np.concatenate(column) for column in zip(*groups, strict=True)),
-        )
+        ends = np.flatnonzero(np.diff(joint, append=len(self._joints)))
+        for place, t_ns in zip(joint[ends].tolist(), arrivals.t_ns[ends].tolist(), strict=True):
+            self._heard_ns[place] = t_ns
+        joint, group = self._groups.feed(joint, arrivals)
+        return _Timed(joint, *group)
 
     def _times(self, timed: _Timed) -> tuple[IntArray, IntArray]:
         """Return the running index of every sample, UNKNOWN if it has no time, and its time."""
@@ -236,11 +230,11 @@ class DescribedBusSource:
             places = np.flatnonzero(own)[order]
             index[places] = np.where(matched.crept, UNKNOWN, matched.sync)
             t_ns[places] = matched.stamp_ns
-        for k in np.flatnonzero((by == "arrival") | (by == "device_time")).tolist():
-            validity = self._validity[timed.joint[k]]
-            if validity is not None:
-                stamp = validity.stamp(int(timed.sent_ns[k]), float(timed.values[k, TIME]))
-                index[k], t_ns[k] = stamp
+        bounds = np.searchsorted(timed.joint, np.arange(len(self._joints) + 1)).tolist()
+        for validity, start, stop in zip(self._validity, bounds[:-1], bounds[1:], strict=True):
+            if validity is not None and stop > start:
+                own_ns, device = timed.sent_ns[start:stop], timed.values[start:stop, TIME]
+                index[start:stop], t_ns[start:stop] = validity.stamps(own_ns, device)
         return index, t_ns + self._offset_ns(by) - self._delay_ns[timed.joint]
 
     def _offset_ns(self, by: NDArray[np.str_]) -> IntArray:

@@ -1,5 +1,7 @@
 """Samples that are spread over several frames: which frames of a device make one sample."""
 
+from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -30,6 +32,69 @@ class Group(NamedTuple):
     values: FloatArray
 
 
+class Groupings:
+    """Puts the frames of all joints of a bus together.
+
+    Parameters
+    ----------
+    joints : number of messages of each joint's sample, and the longest time between them [ns]
+    """
+
+    def __init__(self, joints: Sequence[tuple[int, int]]) -> None:
+        self._each = [Grouping(*own) for own in joints]
+        members = {own[0] for own in joints}
+        self._members = members.pop() if len(members) == 1 else 0  # 0: not the same of all
+        self._spread_ns = np.array([own[1] for own in joints])
+
+    @property
+    def headless(self) -> int:
+        """Number of samples without the message that carries the time."""
+        return sum(own.headless for own in self._each)
+
+    def feed(self, joint: IntArray, frames: Arrivals) -> tuple[IntArray, Group]:
+        """Accept frames of one batch, sorted by joint (k,); return joints and samples."""
+        if self._is_regular(joint, frames):
+            return joint[:: self._members], _whole(frames, self._members)
+        bounds = np.searchsorted(joint, np.arange(len(self._each) + 1)).tolist()
+        parts = [
+            own.feed(frames.part(slice(start, stop)))
+            for own, (start, stop) in zip(self._each, pairwise(bounds), strict=True)
+        ]
+        counts = [len(part.sent_ns) for part in parts]
+        whole = Group(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+        return np.repeat(np.arange(len(counts)), counts), whole
+
+    def _is_regular(self, joint: IntArray, frames: Arrivals) -> bool:
+        """Return whether the frames are whole samples, one after the other."""
+        size = self._members
+        if not size or len(joint) % size or any(own.is_open for own in self._each):
+            return False
+        joints = joint.reshape(-1, size)
+        is_of_one = bool((joints[:, 0] == joints[:, -1]).all())
+        return is_of_one and _are_whole(frames, size, self._spread_ns[joints[:, 0]])
+
+
+def _are_whole(frames: Arrivals, members: int, spread_ns: int | IntArray) -> bool:
+    """Return whether each `members` frames after the other are a sample; one limit, or one each."""
+    if members == 1 or len(frames.t_ns) % members:
+        return members == 1
+    member, t_ns = frames.member.reshape(-1, members), frames.t_ns.reshape(-1, members)
+    is_whole = bool((np.sort(member, axis=1) == np.arange(members)).all())
+    return is_whole and bool((np.ptp(t_ns, axis=1) <= spread_ns).all())
+
+
+def _whole(frames: Arrivals, members: int) -> Group:
+    """Return samples of which every message has come, one after the other."""
+    if members == 1:
+        return Group(frames.t_ns, frames.row, frames.t_ns, frames.values)
+    values = frames.values.reshape(-1, members, frames.values.shape[1])
+    merged = values[:, 0].copy()
+    for k in range(1, members):
+        np.copyto(merged, values[:, k], where=np.isnan(merged))
+    heads = np.flatnonzero(frames.member == 0)
+    return Group(frames.t_ns[heads], frames.row[heads], frames.t_ns[members - 1 :: members], merged)
+
+
 class Grouping:
     """Puts the frames of one joint together.
 
@@ -43,54 +108,22 @@ class Grouping:
         self._open: list[tuple[int, int, int, FloatArray]] = []  # member, stamp, row, values
         self.headless = 0
 
+    @property
+    def is_open(self) -> bool:
+        """Whether frames wait for others of their sample."""
+        return bool(self._open)
+
     def feed(self, frames: Arrivals) -> Group:
         """Accept frames of one batch; return the samples that they complete."""
-        if self._members == 1:
-            return Group(frames.t_ns, frames.row, frames.t_ns, frames.values)
+        if not self._open and _are_whole(frames, self._members, self._spread_ns):
+            return _whole(frames, self._members)
         self._open = [(member, t_ns, -1, values) for member, t_ns, _, values in self._open]
-        parts: list[Group] = []
-        at, size = 0, len(frames.t_ns)
-        while at < size:
-            count = 0 if self._open else self._regular(frames, at)
-            if count:
-                parts.append(self._whole(frames.part(slice(at, at + count * self._members))))
-                at += count * self._members
-            stop = min(size, at + 4 * self._members)  # then search for regular samples again
-            for k in range(at, stop):
-                parts += self._add(
-                    int(frames.member[k]), int(frames.t_ns[k]), int(frames.row[k]), frames.values[k]
-                )
-            at = stop
-        if not parts:
-            none = np.empty(0, np.int64)
-            return Group(none, none, none, np.empty((0, frames.values.shape[1])))
+        none = np.empty(0, np.int64)
+        parts = [Group(none, none, none, np.empty((0, frames.values.shape[1])))]
+        columns = zip(*(own.tolist() for own in frames[:3]), frames.values, strict=True)
+        for member, t_ns, row, values in columns:
+            parts += self._add(member, t_ns, row, values)
         return Group(*(np.concatenate(column) for column in zip(*parts, strict=True)))
-
-    def _regular(self, frames: Arrivals, at: int) -> int:
-        """Return how many samples from `at` on come whole and in one order of the messages."""
-        count = (len(frames.t_ns) - at) // self._members
-        if not count:
-            return 0
-        stop = at + count * self._members
-        member = frames.member[at:stop].reshape(count, -1)
-        t_ns = frames.t_ns[at:stop].reshape(count, -1)
-        if len(set(member[0].tolist())) < self._members:
-            return 0
-        good = (member == member[0]).all(axis=1) & (t_ns[:, -1] - t_ns[:, 0] <= self._spread_ns)
-        return count if good.all() else int(np.argmin(good))
-
-    def _whole(self, frames: Arrivals) -> Group:
-        """Return samples of which every message has come, in one order."""
-        order = frames.member[: self._members].tolist()
-        head = order.index(0)
-        values = frames.values.reshape(-1, self._members, frames.values.shape[1])
-        merged = values[:, 0].copy()
-        for k in range(1, self._members):
-            np.copyto(merged, values[:, k], where=np.isnan(merged))
-        step = self._members
-        return Group(
-            frames.t_ns[head::step], frames.row[head::step], frames.t_ns[step - 1 :: step], merged
-        )
 
     def _add(self, member: int, t_ns: int, row: int, values: FloatArray) -> list[Group]:
         found: list[Group] = []

@@ -5,17 +5,22 @@ are counted by that line and the nominal period: an arrival may be late by most 
 never early. If all arrivals of a second are late, the device's timer has changed its phase.
 """
 
-from math import floor, inf
+from collections.abc import Sequence
+from math import floor, inf, nan
 from typing import NamedTuple, Protocol
+
+import numpy as np
 
 from fsw.config import BusConfig
 from fsw.drivers.layout.signals import Message
 from fsw.drivers.sources.clock_model import ClockModel
 from fsw.drivers.sources.sequence import Counted, CounterTrack, Step
+from fsw.messages import FloatArray, IntArray
 
 SETTLED = 50  # samples after which an arrival before the line is impossible
 EARLY_RATIO = 0.1  # of a period: an arrival that much before the line may be of the line's error
 LATE_RATIO = 0.25  # of a period: if SETTLED arrivals in a row are later, the phase has changed
+NEAR_RATIO = 0.05  # of a period: an arrival so much before the line is surely the next one
 DOUBTED = 3  # impossible arrivals in a row after which the line begins anew
 REFUSED = -1
 ASSUMED_BITRATE = 1_000_000
@@ -34,6 +39,17 @@ class Validity(Protocol):
     def stamp(self, t_ns: int, device: float) -> Stamp:
         """Accept the next sample: stamp of its frame [ns], device time on the wire [ticks]."""
         ...
+
+    def stamps(self, t_ns: IntArray, device: FloatArray) -> tuple[IntArray, IntArray]:
+        """Accept the next samples, (k,) as for `stamp`; return numbers and times of validity."""
+        ...
+
+
+def _one_by_one(own: Validity, t_ns: IntArray, device: FloatArray) -> tuple[IntArray, IntArray]:
+    """Return what `stamp` returns for one sample after the other."""
+    pairs = zip(t_ns.tolist(), device.tolist(), strict=True)
+    number, times_ns = np.array([own.stamp(*pair) for pair in pairs], np.int64).reshape(-1, 2).T
+    return number, times_ns
 
 
 class ByArrival:
@@ -77,8 +93,41 @@ class ByArrival:
         self._watch(t_ns - self._wire_ns - reference_ns - rest_ns)
         return Stamp(index, reference_ns + round(rest_ns))
 
+    def stamps(self, t_ns: IntArray, device: FloatArray) -> tuple[IntArray, IntArray]:
+        """Accept the next samples; return numbers and times of validity.
+
+        Arrivals so near the line that each can only be that of the next sample are recorded in one
+        loop, with the same result.
+        """
+        del device
+        left, numbers, times_ns = t_ns.tolist(), list[int](), list[int]()
+        while left:
+            rests_ns = self._near(left) if self._accepted > SETTLED else []
+            if rests_ns:
+                reference_ns = self._clock.reference_ns
+                numbers += range(self._newest + 1 - len(rests_ns), self._newest + 1)
+                times_ns += [reference_ns + round(rest_ns) for rest_ns in rests_ns]
+                left = left[len(rests_ns) :]
+            if left:
+                number, time_ns = self.stamp(left.pop(0), nan)
+                numbers.append(number)
+                times_ns.append(time_ns)
+        return np.array(numbers, np.int64), np.array(times_ns, np.int64)
+
+    def _near(self, t_ns: Sequence[int]) -> list[float]:
+        """Record the first arrivals that are near the line; return the model's times of them."""
+        early_ns, late_ns = (ratio * self._period_ns for ratio in (NEAR_RATIO, LATE_RATIO))
+        first = self._newest + 1
+        found = self._clock.follow_near(first, t_ns, -self._wire_ns, early_ns, late_ns)
+        if count := len(found):
+            self._newest += count
+            self._accepted, self._doubted = self._accepted + count, 0
+            self._watched = (self._watched + count) % SETTLED
+            self._least_ns = 0.0 if self._watched else inf  # one of them was not late
+        return found
+
     def _watch(self, late_ns: float) -> None:
-        """Begin anew if every one of SETTLED arrivals was late; the next sample is the first."""
+        """Begin again if every one of SETTLED arrivals was late; the next sample is the first."""
         self._least_ns = min(self._least_ns, late_ns)
         self._watched += 1
         if self._watched == SETTLED:
@@ -107,6 +156,10 @@ class ByDeviceTime:
         self._track = CounterTrack(modulus, tick_s, self._step)
         self._wire_ns = wire_ns
         self._newest, self._ticks = -1, 0
+
+    def stamps(self, t_ns: IntArray, device: FloatArray) -> tuple[IntArray, IntArray]:
+        """Accept the next samples; return numbers and times of validity."""
+        return _one_by_one(self, t_ns, device)
 
     def stamp(self, t_ns: int, device: float) -> Stamp:
         """Accept the next sample."""
