@@ -10,6 +10,7 @@ from math import hypot, sqrt, tau
 from pathlib import Path
 
 from fsw.checks import budget
+from fsw.checks.interfaces import SIMULATED, interface_fault
 from fsw.checks.rehearsal import rehearse
 from fsw.checks.robot import inertia_warnings, load_problem
 from fsw.checks.windows import lag_faults, mode_warnings, window_faults
@@ -28,11 +29,11 @@ FAST_RAD_S = 2.0 * tau  # a faster speed limit of a joint is probably in degrees
 LARGE_WALK_RAD = 5e-3  # drift of an integrated angle in a minute above which sigmas are too small
 FULL_LOAD = 1.0
 HIGH_LOAD = 0.7
+IN_KBIT_LOAD = 50.0  # a load above this is probably of a bit rate in kbit/s
 MAX_GROUP_DELAY_S = 0.1  # a longer delay is probably in milliseconds
 POSITION_STEP_RAD = tau * 2.0**-24
 LINKS = Path("/sys/class/net")
 IFF_UP = 1  # bit of an interface's flags: Linux include/uapi/linux/if.h
-SIMULATED_INTERFACES = ("udp_multicast", "udp_frames", "virtual")  # have no physical bit rate
 
 
 def validate(config: Config) -> tuple[Problem, list[str]]:
@@ -46,16 +47,12 @@ def validate(config: Config) -> tuple[Problem, list[str]]:
     ------
     ConfigError with one line per fault.
     """
-    faults = [
-        *window_faults(config),
-        *lag_faults(config),
-        *_bus_faults(config),
-        *_description_faults(config),
-        *_serial_faults(config),
-        *_key_faults(config),
-    ]
+    faults: list[str] = []
     problem: Problem | None = None
     try:
+        faults += _device_faults(config)
+        if not faults:  # else what follows from a wrong rate or delay would be named beside it
+            faults += [*window_faults(config), *lag_faults(config)]
         problem = load_problem(config)
         if not faults:
             rehearse(config, problem)
@@ -64,6 +61,15 @@ def validate(config: Config) -> tuple[Problem, list[str]]:
     if faults or problem is None:
         raise ConfigError("\n".join(f"{config.name}: {fault}" for fault in faults))
     return problem, [*_warnings(config), *inertia_warnings(config, problem.model.plain)]
+
+
+def _device_faults(config: Config) -> list[str]:
+    return [
+        *_bus_faults(config),
+        *_description_faults(config),
+        *_serial_faults(config),
+        *_key_faults(config),
+    ]
 
 
 def _noise_warnings(config: Config) -> Iterator[str]:
@@ -253,13 +259,15 @@ def _bus_faults(config: Config) -> list[str]:
     faults = []
     for i, bus in enumerate(config.buses):
         load = budget.bus_load(bus, config.joints, (*config.wheels, *config.thrusters))
-        simulated = bus.bitrate is None and bus.interface in SIMULATED_INTERFACES
+        simulated = bus.bitrate is None and bus.interface in SIMULATED
         if load > FULL_LOAD and not simulated:
             faults.append(
                 f"buses.{i}.rate_hz: {bus.rate_hz:g} loads {bus.name!r} to {load:.0%} "
                 f"{_bitrate_words(bus)}; must be at most {FULL_LOAD:.0%}, worst-case bit stuffing "
-                "included"
+                f"included{'; is the bit rate in kbit/s?' * (load > IN_KBIT_LOAD)}"
             )
+        if words := interface_fault(bus):
+            faults.append(f"buses.{i}.interface: {words}")
         if bus.data_bitrate is not None and bus.data_bitrate < (bus.bitrate or 0):
             faults.append(
                 f"buses.{i}.data_bitrate: {bus.data_bitrate} must be at least bitrate {bus.bitrate}"

@@ -20,6 +20,11 @@ from fsw.estimators.model.robot import RobotModel
 from fsw.messages import FloatArray
 
 ROOT_LINK = "the root link"
+CURES = {  # of what the URDF library complains of
+    "Two root links": "; join them by a joint, or remove one",
+    "is not unique": "; give every link and joint a name of its own",
+    "to a double": "; a number has a decimal point and no unit",
+}
 MOST_SPEED_RAD_S = 1e3  # limits above these bounds are placeholders
 MOST_EFFORT_NM = 1e5
 MOST_TURN_RAD = 1e4
@@ -74,7 +79,9 @@ def _library_words(said: IO[bytes], urdf: Path) -> str:
     said.seek(0)
     for line in said.read().decode(errors="replace").splitlines():
         if line.startswith("Error:"):
-            return f"robot.urdf: {urdf} cannot be used: {line.removeprefix('Error:').strip()}"
+            words = line.removeprefix("Error:").strip().rstrip(".")
+            cure = next((cure for found, cure in CURES.items() if found in words), "")
+            return f"robot.urdf: {urdf} cannot be used: {words}{cure}"
     return ""
 
 

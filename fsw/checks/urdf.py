@@ -34,7 +34,7 @@ class _Bounded(ET.TreeBuilder):
         self._depth = self._elements = 0
 
     def doctype(self, *_words: object) -> None:
-        raise ConfigError("has a document type; URDF has none")
+        raise ConfigError("has a document type; URDF has none; is it a web page?")
 
     def start(self, tag: str, attrs: dict[str, str], /) -> ET.Element:
         self._depth += 1

@@ -114,7 +114,7 @@ def read_result(path: Path) -> Mapping[str, Any]:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
     except (ValueError, RecursionError) as error:
         words = f"it is {kind}" if (kind := kind_of(source)) else str(error)
-        raise ConfigError(f"{path}: not a result of fsw identify --json: {words}") from error
+        raise ConfigError(f"{path}: no result of fsw identify --out: {words}") from error
     if not isinstance(values, dict):
-        raise ConfigError(f"{path}: not a result of fsw identify --json")
+        raise ConfigError(f"{path}: no result of fsw identify --out")
     return values

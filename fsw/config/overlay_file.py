@@ -10,7 +10,7 @@ from typing import Any
 
 import yaml
 
-from fsw.config.text import CONFIGURATION, TextError, must_be, read_yaml
+from fsw.config.text import CONFIGURATION, TextError, must_be, no_sections, read_yaml
 from fsw.config.whole import Config, parse
 from fsw.errors import ConfigError
 
@@ -43,7 +43,7 @@ def _read(path: Path) -> dict[Any, Any]:
     except TextError as error:
         raise ConfigError(f"{path}: {error}") from error
     if not isinstance(data, dict):
-        raise ConfigError(f"{path}: must be a mapping of sections; found {type(data).__name__}")
+        raise ConfigError(f"{path}: {no_sections(data)}")
     return data
 
 

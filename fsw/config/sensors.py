@@ -36,7 +36,7 @@ from fsw.errors import brief
 
 MAX_ANGLE_RAD = tau  # of a mounting; larger angles are probably in degrees
 MOST_GYRO_ERROR = 0.2  # of an entry of gyro_matrix; a larger error is a wrong unit or mounting
-Driver = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.]+(:[A-Za-z0-9_.]+)?$", max_length=200)]
+Driver = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+(:[A-Za-z0-9_.]+)?$", max_length=200)]
 NONE = "none"  # stands for a device that the robot does not have
 
 

@@ -4,8 +4,10 @@ A fault is one line that names key, value found, and bound or choices.
 """
 
 import re
-from collections.abc import Hashable
+from collections import Counter
+from collections.abc import Hashable, Iterator, Sequence
 from difflib import get_close_matches
+from itertools import groupby
 from types import NoneType, UnionType
 from typing import Annotated, Any, Union, get_args, get_origin
 
@@ -124,10 +126,28 @@ def read_yaml(source: bytes, *, aliases: bool = False) -> object:
         loader = _StrictLoader(source, aliases=aliases)  # a SafeLoader: builds plain values only
         data: object = loader.get_single_data()
     except _READING as error:
-        words = " ".join(str(error).replace('in "<byte string>", ', "").split())
-        words = words or type(error).__name__
-        raise TextError(f"not YAML: {cut(words)}") from error
+        raise TextError(_unread(error)) from error
     return data
+
+
+def _unread(error: Exception) -> str:
+    """Return the line, the column and the reason why a text cannot be read."""
+    if isinstance(error, yaml.reader.ReaderError) and error.encoding == "utf-8":
+        return f"no text in UTF-8, at byte {error.position}; save the file as UTF-8"
+    place = words = ""
+    if isinstance(error, yaml.MarkedYAMLError):
+        mark, words = error.problem_mark, error.problem or ""
+        place = f"line {mark.line + 1}, column {mark.column + 1}: " if mark is not None else ""
+    return (
+        f"not YAML: {place}{cut(' '.join((words or str(error)).split())) or type(error).__name__}"
+    )
+
+
+def no_sections(data: object) -> str:
+    """Return words on the values of a file that are no mapping of sections."""
+    if data is None:
+        return "is empty"
+    return f"must be a mapping of sections; found {type(data).__name__}"
 
 
 def explain(model: type[BaseModel], error: ValidationError) -> list[str]:
@@ -136,9 +156,29 @@ def explain(model: type[BaseModel], error: ValidationError) -> list[str]:
     inner = {fault["loc"][:k] for fault in faults for k in range(len(fault["loc"]))}
     # a list can be "too short" only because its items are faulty: this is no further fault
     kept = [f for f in faults if f["type"] != "too_short" or f["loc"] not in inner]
+    kept = list(_whole_lists(kept))
     lines = [cut(_line(model, fault)) + _choices(model, fault) for fault in kept[:MAX_FAULTS]]
     more = len(kept) - len(lines)
     return [*lines, f"and {more} more faults"] if more else lines
+
+
+def _whole_lists(faults: Sequence[ErrorDetails]) -> Iterator[ErrorDetails]:
+    """Yield the faults, those of a list that lacks several entries as one."""
+    lacking = Counter(own["loc"][:-1] for own in faults if _is_lacking(own))
+    short = {place for place, count in lacking.items() if count > 1}
+    for place, own in groupby(faults, lambda fault: fault["loc"][:-1]):
+        every = list(own)
+        if place not in short:
+            yield from every
+            continue
+        last = every[-1]
+        size = int(last["loc"][-1]) + 1
+        context = {"actual_length": size - lacking[place], "whole_length": size}
+        yield {**last, "loc": place, "type": "lacks_entries", "ctx": context}
+
+
+def _is_lacking(fault: ErrorDetails) -> bool:
+    return fault["type"] == "missing" and isinstance(fault["loc"][-1], int)
 
 
 def _line(model: type[BaseModel], fault: ErrorDetails) -> str:
@@ -147,9 +187,9 @@ def _line(model: type[BaseModel], fault: ErrorDetails) -> str:
     shown = f"(value: {found_words(value)})"
     if kind == "extra_forbidden":
         return f"{key}: unknown key {shown}"
-    if kind == "missing" and isinstance(fault["loc"][-1], int):
+    if _is_lacking(fault):
         whole = key.rpartition(".")[0]
-        return f"{whole}: entry {fault['loc'][-1] + 1} is missing {shown}"
+        return f"{whole}: entry {int(fault['loc'][-1]) + 1} is missing {shown}"
     if kind == "missing":
         return f"{key}: missing; this key is required"
     text, is_section = bound_words(fault), isinstance(value, dict | BaseModel)

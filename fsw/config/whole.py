@@ -36,7 +36,15 @@ from fsw.config.services import (
     reserve_holds_chunks,
 )
 from fsw.config.telemetry import TelemetryConfig
-from fsw.config.text import CONFIGURATION, RECORDING, TextError, explain, kind_of, read_yaml
+from fsw.config.text import (
+    CONFIGURATION,
+    RECORDING,
+    TextError,
+    explain,
+    kind_of,
+    no_sections,
+    read_yaml,
+)
 from fsw.config.thrusters import ThrusterConfig, thrusters_go_with
 from fsw.config.wheels import WheelConfig, wheels_go_with
 from fsw.config.wrench_sensors import WrenchSensorConfig, wrench_sensors_go_with
@@ -357,7 +365,7 @@ def parse(source: bytes, folder: Path, *files: str) -> Config:
     except TextError as error:
         raise ConfigError(f"{name}: {error}") from error
     if not isinstance(data, dict):
-        raise ConfigError(f"{name}: must be a mapping of sections; found {type(data).__name__}")
+        raise ConfigError(f"{name}: {no_sections(data)}")
     try:
         config = Config.model_validate(data)
     except ValidationError as error:

@@ -43,6 +43,7 @@ from fsw.messages import IntArray
 
 SAMPLES = "/samples/"  # prefix of topics of decoded samples: JSON, values as the sensor gave them
 SAMPLED = "samples"  # metadata of a recording with decoded samples: names of its joints
+NO_KIND = "of another kind; fsw import makes a recording of CSV, .npz, ROS 2 bags and CAN logs"
 END_NS = 1 << 63  # later than every valid time
 MAX_IN_MEMORY = 4 << 30  # bytes of a file without an index, which is read whole
 _RECORD_HEAD = struct.Struct("<BQ")  # MCAP: opcode, length
@@ -363,7 +364,8 @@ def _open(path: Path) -> IO[bytes]:
     try:
         return open_regular(path, "rb")
     except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+        words = f"it is {NO_KIND}" if path.is_dir() else error.strerror
+        raise ConfigError(f"{path}: cannot be read: {words}") from error
 
 
 def _stream(path: Path, whole: _Ended) -> Iterator[object]:
@@ -383,7 +385,7 @@ def _stream(path: Path, whole: _Ended) -> Iterator[object]:
         except _BROKEN as error:
             if not seen:
                 with _open(path) as begun:
-                    kind = kind_of(begun.read(MAX_TEXT_BYTES)) or "of another kind"
+                    kind = kind_of(begun.read(MAX_TEXT_BYTES)) or NO_KIND
                 words = f"it is {kind}" if size else "it is empty"
                 raise ConfigError(f"{path}: not an MCAP recording: {words}") from error
             return

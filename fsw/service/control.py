@@ -214,7 +214,9 @@ def control(
             with link.makefile("rb") as answers:
                 line = answers.readline()
     except OSError as error:
-        raise PortError(f"{path}: no daemon answers: {error.strerror or error}") from error
+        raise PortError(
+            f"{path}: no daemon answers; fsw run CONFIG starts one: {error.strerror or error}"
+        ) from error
     if not line:
         raise PortError(f"{path}: the daemon closed the connection")
     reply: dict[str, Any] = json.loads(line)

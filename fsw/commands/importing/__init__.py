@@ -14,6 +14,8 @@ from fsw.exchange.recording import SAMPLED, SAMPLES
 from fsw.exchange.sinks import IMU, JOINTS, STAR_TRACKER, WHEELS, WRENCH_SENSORS
 from fsw.service.recorder import open_recording
 
+PAIRS = {"--can": "BUS=FILE", "--serial": "DEVICE=FILE", "--shift": "NAME=SECONDS"}
+
 
 def import_recording(
     arguments: Namespace, config: Config, progress: Callable[[str], None]
@@ -71,13 +73,13 @@ def write(config: Config, channels: Sequence[Channel], out: Path) -> None:
 
 
 def _captures(arguments: Namespace, config: Config) -> Iterator[Channel]:
-    shifts = {name: _seconds(name, text) for name, text in map(_pair, arguments.shift)}
+    shifts = {name: _seconds(name, text) for name, text in _pairs("--shift", arguments)}
     buses = [bus.name for bus in config.buses]
-    for name, file in map(_pair, arguments.can):
+    for name, file in _pairs("--can", arguments):
         _refuse_unknown("--can", name, buses)
         path, channel = _path_and_channel(file)
         yield can_capture(config, name, path, channel, shifts.pop(name, 0))
-    for name, file in map(_pair, arguments.serial):
+    for name, file in _pairs("--serial", arguments):
         _refuse_unknown("--serial", name, _lines(config))
         yield serial_capture(config, name, Path(file), shifts.pop(name, 0))
     if shifts:
@@ -97,11 +99,12 @@ def _lines(config: Config) -> list[str]:
     return ([IMU] if config.imu.present else []) + tracker
 
 
-def _pair(text: str) -> tuple[str, str]:
-    name, _, value = text.partition("=")
-    if not value:
-        raise ConfigError(f"{text!r}: must be NAME=VALUE")
-    return name, value
+def _pairs(option: str, arguments: Namespace) -> Iterator[tuple[str, str]]:
+    for text in getattr(arguments, option.strip("-")):
+        name, _, value = text.partition("=")
+        if not value:
+            raise ConfigError(f"{option} {text!r}: must be {PAIRS[option]}")
+        yield name, value
 
 
 def _seconds(name: str, text: str) -> int:

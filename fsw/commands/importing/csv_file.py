@@ -93,6 +93,7 @@ def numbers(path: Path, name: str, cells: Sequence[str], lines: Sequence[int]) -
                 values[row] = float(cell.replace(",", ".") if has_comma else cell)
         except ValueError as error:
             hint = "; a date has unit: iso" if _DATE.match(cell) else ""
+            hint = hint or "; is it a row of units?" * (row == 0)
             raise ConfigError(
                 f"{path}: line {lines[row]}: {name!r} is {brief(cell)}; must be a number{hint}"
             ) from error
@@ -149,7 +150,7 @@ def _text(path: Path) -> str:
     if not text.strip():
         raise ConfigError(f"{path}: is empty")
     if "\0" in text:
-        raise ConfigError(f"{path}: cannot be read: it is no text")
+        raise ConfigError(f"{path}: cannot be read: it is no text; a table program saves as CSV")
     return text
 
 

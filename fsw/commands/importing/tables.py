@@ -127,6 +127,8 @@ class Table:
         free = [own for own in columns.values if own not in self._used]
         close = get_close_matches(name[:100], [x for x in free if _field(x) == _field(name)], n=1)
         hint = f"did you mean {close[0]!r}? " if close else ""
+        if all(own.isdecimal() for own in columns.values):
+            hint = "its first line has no names; add a line of names, or map columns by number; "
         found = cut(", ".join(columns.values) or "none")
         raise ConfigError(f"{self.path}: no column {name!r}; {hint}it has: {found}")
 

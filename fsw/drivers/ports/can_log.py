@@ -91,7 +91,8 @@ def read_can_log(path: Path, channel: str | None = None) -> CanLog:
     except ConfigError:
         raise
     except _BROKEN as error:
-        raise ConfigError(f"{path}: cannot be read as a CAN log: {unforeseen(error)}") from error
+        words = (isinstance(error, OSError) and error.strerror) or unforeseen(error)
+        raise ConfigError(f"{path}: cannot be read as a CAN log: {words}") from error
     names = [name for name in rows if name is not None]
     chosen = channel if channel is not None else (names[0] if len(names) == 1 else None)
     if not rows:

@@ -31,7 +31,9 @@ def open_serial(path: str, baud: int, clock: Clock) -> SerialPort:
         os.set_blocking(line.fileno(), False)
         _separate_idle_from_hang_up(line.fileno())
     except (OSError, ValueError, termios.error) as error:
-        raise PortError(f"serial {path}: cannot be opened at {baud} baud: {error}") from error
+        number = error.errno if isinstance(error, OSError) else None
+        words = str(error) if number is None else os.strerror(number)  # the library repeats it
+        raise PortError(f"serial {path}: cannot be opened at {baud} baud: {words}") from error
     return SerialPort(line, clock, path)
 
 

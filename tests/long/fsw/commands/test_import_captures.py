@@ -178,7 +178,7 @@ def test_a_wrong_file_is_one_line_and_nothing_is_written(flown, tmp_path, fault,
     [
         (("--can", "leg=arm.log"), "--can: 'leg' is not in the configuration, which has: arm"),
         (("--serial", "gps=gps.csv"), "--serial: 'gps'"),
-        (("--serial", "imu"), "'imu': must be NAME=VALUE"),
+        (("--serial", "imu"), "--serial 'imu': must be DEVICE=FILE"),
         (("--shift", "arm=soon"), "--shift: arm=soon: must be seconds"),
         (("--shift", "leg=1"), "--shift: leg"),
     ],

@@ -12,6 +12,7 @@ import yaml
 from fsw.__main__ import main
 from fsw.checks import configuration
 from tests.conftest import ArmProject
+from tests.support import first_mistakes
 from tests.support.rewritten import rewritten
 from tests.support.sampled_mistakes import IN_FREE_FLOAT, UNDER_GRAVITY
 
@@ -19,6 +20,7 @@ PAGE = Path(__file__).parents[4] / "docs" / "howto" / "when_wrong.md"
 ROW = re.compile(r"^\| (.+?) \| `(fsw .+?)` \| `(.+)` \|$", re.MULTILINE)
 ROWS = ROW.findall(PAGE.read_text(encoding="utf-8"))
 SAMPLED = {*UNDER_GRAVITY, *IN_FREE_FLOAT}  # made in test_check_samples.py
+FIRST = set(first_mistakes.MADE)  # made in test_first_mistakes.py
 WORLD = (
     '<link name="world"/><joint name="w" type="fixed"><parent link="world"/>'
     '<child link="bus"/></joint>'
@@ -278,14 +280,14 @@ def assert_one_line(capsys: pytest.CaptureFixture[str], words: str) -> None:
 
 
 def test_every_mistake_of_the_page_is_made_here():
-    apart = {"base fixed to world", "another robot", *SAMPLED}
+    apart = {"base fixed to world", "another robot", *SAMPLED, *FIRST}
     made = [*DESCRIPTIONS, *FILES, *CONFIGURATIONS, *RECORDINGS, *apart]
     assert sorted(made) == sorted(mistake for mistake, _, _ in ROWS)
     assert len(ROWS) == PAGE.read_text(encoding="utf-8").count("\n| ") - 1
 
 
 @pytest.mark.parametrize(
-    ("mistake", "command", "words"), [row for row in ROWS if row[0] not in SAMPLED]
+    ("mistake", "command", "words"), [row for row in ROWS if row[0] not in SAMPLED | FIRST]
 )
 def test_a_mistake_is_one_line_that_says_what_to_do(
     mistake, command, words, arm, flown, tmp_path, monkeypatch, capsys

@@ -3,8 +3,10 @@
 import os
 
 import pytest
+from can.interfaces import VALID_INTERFACES
 
 from fsw.checks.configuration import missing_devices, validate
+from fsw.checks.interfaces import PHYSICAL, SIMULATED
 from fsw.checks.outputs import validate_outputs
 from fsw.config import load
 from fsw.errors import ConfigError
@@ -317,3 +319,7 @@ def test_a_science_rate_the_loop_does_not_have_is_warned_of(arm):
     arm.data["telemetry"] = {"science_rate_hz": 501.0}
     (warning,) = validate(load(arm.write()))[1]
     assert_named(warning, "telemetry.science_rate_hz: 501", "tick_rate_hz 500")
+
+
+def test_the_interfaces_are_those_of_python_can() -> None:
+    assert {*SIMULATED, *PHYSICAL} - {"udp_frames"} == VALID_INTERFACES
