@@ -8,6 +8,7 @@ from scipy.special import chdtri
 
 from fsw.commands.residuals import FALSE_ALARM, INDEPENDENT, channel_residuals
 from fsw.errors import ConfigError
+from fsw.estimators.block_view import fitting
 from fsw.estimators.model.problem import Problem
 from fsw.messages import Block, FloatArray
 
@@ -16,7 +17,7 @@ DATA_SHARE = 0.5  # ratio of variance to prior variance; above it the prior says
 MEAN_SIGMAS = 4.0
 
 
-def split(blocks: Sequence[Block], share: float) -> tuple[list[Block], list[Block]]:
+def split(blocks: Sequence[Block], share: float) -> tuple[Sequence[Block], Sequence[Block]]:
     """Return the windows to estimate from and the held-out windows, which are evenly spread.
 
     Raises
@@ -27,10 +28,9 @@ def split(blocks: Sequence[Block], share: float) -> tuple[list[Block], list[Bloc
         raise ConfigError(f"--holdout: {share:g} must be greater than 0 and at most 0.9")
     count = np.floor(share * np.arange(len(blocks) + 1) + 1e-9)
     held = np.diff(count) > 0
-    used = [block for block, out in zip(blocks, held, strict=True) if not out]
-    if not used or not held.any():
+    if held.all() or not held.any():
         raise ConfigError(f"--holdout: {share:g} of {len(blocks)} windows leaves one part empty")
-    return used, [block for block, out in zip(blocks, held, strict=True) if out]
+    return fitting(blocks, ~held), fitting(blocks, held)
 
 
 def judge(

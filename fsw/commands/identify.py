@@ -15,6 +15,7 @@ from fsw.commands.nodes import Nodes
 from fsw.commands.replay import replay
 from fsw.commands.replay_result import ReplayResult, in_words, known_by, with_sigma
 from fsw.commands.report.collect import Collector
+from fsw.commands.shelf import Shelf
 from fsw.commands.span import WHOLE, Span
 from fsw.commands.unused import missed, unused_sensors
 from fsw.commands.watching import MOST_KEPT, Watching
@@ -22,6 +23,7 @@ from fsw.config import Config
 from fsw.errors import EstimatorError
 from fsw.estimators.batch.run import run_batch
 from fsw.estimators.batch.screening import fits_throughout, lacks_more, screened
+from fsw.estimators.block_view import BlockView
 from fsw.estimators.measurement.mrnea import Rows
 from fsw.estimators.model.building import build_problem, joint_order, robot_of
 from fsw.estimators.model.problem import Problem
@@ -111,7 +113,7 @@ def identify(
         unscreened = alone and result.estimate is None and values["status"] != "ABORTED"
         if unscreened and not fits_throughout(chosen, collector.blocks, values, *state[0]):
             tell("checking single readings of every sensor; those that do not fit are left out")
-            every, collector.blocks = collector.blocks, screened(chosen, collector.blocks)
+            every, collector.blocks = collector.blocks, Shelf(screened(chosen, collector.blocks))
             if lacks_more(every, collector.blocks):  # otherwise the result would be the same
                 values = run_batch(chosen, collector.blocks, method, names, progress, keep)
     else:
@@ -196,8 +198,9 @@ def frame_of(config: Config, body: str) -> str:
     return own.get(body) or str(config.bodies[body].frame)
 
 
-def _plausible(recorded: Sequence[Block]) -> list[Block]:
-    return list({block.index: block for block in recorded if plausible(block)}.values())
+def _plausible(recorded: Sequence[Block]) -> Sequence[Block]:
+    places = {block.index: k for k, block in enumerate(recorded) if plausible(block)}
+    return BlockView(recorded, places.values())
 
 
 def noise_text(result: Mapping[str, Any]) -> list[str]:

@@ -140,14 +140,18 @@ def unexplained(rows: Collection[Rows], blocks: Sequence[Block], nodes: int) -> 
     rows : of each block, with the root of their noise covariance, at the estimate
     nodes : number of nodes per block
     """
-    pairs = [(r, b) for r, b in zip(rows, blocks, strict=True) if r.root is not None and r.torques]
-    if not pairs:
+    found = [
+        _torques(own, block, nodes)
+        for own, block in zip(rows, blocks, strict=True)
+        if own.root is not None and own.torques
+    ]
+    if not found:
         return np.inf
-    left, sigma, torques = np.stack([_torques(*pair, nodes) for pair in pairs], axis=1)
+    left, sigma, torques = np.stack(found, axis=1)
     counts = np.maximum(np.isfinite(torques).sum(axis=(0, 1)), 1)
     about = torques - np.nansum(torques, axis=(0, 1)) / counts
     square, noise, power = (np.nansum(part**2, axis=(0, 1)) for part in (left, sigma, about))
-    n, t = pairs[0][1].q_rad.shape[1], len(power)
+    n, t = blocks[0].q_rad.shape[1], len(power)
     axes = (slice(k, k + 3) for k in range(n, t, 3))
     loud = (own for own in axes if square[own].sum() > LOUD * noise[own].sum())
     sums = [(square[own].sum(), power[own].sum()) for own in (slice(n), *loud)]

@@ -12,9 +12,11 @@ import numpy as np
 from fsw.commands.replay import replay
 from fsw.commands.replay_result import ReplayResult
 from fsw.commands.residuals import ChannelResiduals, channel_residuals
+from fsw.commands.shelf import Shelf
 from fsw.commands.span import WHOLE, Span
 from fsw.config import Config
 from fsw.errors import WRONG_CONTENT, ConfigError, brief
+from fsw.estimators.block_view import fitting
 from fsw.estimators.model.inertia import report_jacobian
 from fsw.estimators.model.problem import IndexArray, Problem
 from fsw.estimators.model.state_groups import group_of
@@ -58,8 +60,8 @@ class Collector(NullSink):
     """A sink that keeps the blocks and estimates of a replay."""
 
     def __init__(self) -> None:
-        self.blocks: list[Block] = []
-        self.estimates: list[Estimate] = []
+        self.blocks: Shelf[Block] = Shelf()
+        self.estimates: Shelf[Estimate] = Shelf()
 
     def put(self, message: Message) -> None:
         """Keep a block or an estimate; discard every other message."""
@@ -87,7 +89,7 @@ def collect(
     sink, pipeline = Collector(), default_pipeline(config)
     result = replay(recording, config, sink=sink, pipeline=pipeline, span=span, progress=progress)
     progress("residuals and what limits the accuracy")
-    blocks = [block for block in sink.blocks if plausible(block)]
+    blocks = fitting(sink.blocks, map(plausible, sink.blocks))
     state = state_of(pipeline.estimator) if blocks and result.estimate is not None else None
     found = collected_at(recording, span, config, result, blocks, state)
     return replace(found, estimates=sink.estimates, daemon=daemon)

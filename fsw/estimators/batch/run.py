@@ -30,6 +30,7 @@ from fsw.estimators.batch.solver import (
     regress,
     straighten,
 )
+from fsw.estimators.block_view import BlockView, changed
 from fsw.estimators.few_windows import too_few
 from fsw.estimators.measurement.first_rate import at_first_rate
 from fsw.estimators.measurement.mrnea import Rows
@@ -227,7 +228,7 @@ def _run(
     }
 
 
-def _measured(blocks: Sequence[Block]) -> list[Block]:
+def _measured(blocks: Sequence[Block]) -> Sequence[Block]:
     """Return the plausible blocks. Raises EstimatorError if nothing was measured in any."""
     sound = sound_blocks(blocks)
     if not sound:
@@ -237,16 +238,18 @@ def _measured(blocks: Sequence[Block]) -> list[Block]:
     return sound
 
 
-def sound_blocks(blocks: Sequence[Block]) -> list[Block]:
+def sound_blocks(blocks: Sequence[Block]) -> Sequence[Block]:
     """Return the plausible blocks in order of their index, each index once."""
-    by_index: dict[int, Block] = {}
-    for block in blocks:
+    places: dict[int, int] = {}
+    for place, block in enumerate(blocks):
         if plausible(block):
-            by_index.setdefault(block.index, block)
-    return [by_index[index] for index in sorted(by_index)]
+            places.setdefault(block.index, place)
+    return BlockView(blocks, (places[index] for index in sorted(places)))
 
 
-def with_noise_found(problem: Problem, blocks: Sequence[Block]) -> tuple[list[Block], SensorNoise]:
+def with_noise_found(
+    problem: Problem, blocks: Sequence[Block]
+) -> tuple[Sequence[Block], SensorNoise]:
     """Return the blocks with the noise that is found in them added, and this noise."""
     noise = SensorNoise(
         problem.noise_declared,
@@ -258,7 +261,7 @@ def with_noise_found(problem: Problem, blocks: Sequence[Block]) -> tuple[list[Bl
     for block in blocks:
         noise.note(block)
     noise.learn()
-    return [noise.applied(block) for block in blocks], noise
+    return changed(blocks, noise.applied), noise
 
 
 def _likelihood(

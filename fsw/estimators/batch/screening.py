@@ -5,7 +5,7 @@ If the batch fits, and every channel of every block is below half of the recursi
 is to be left out. The recursion, which takes longer than the batch, then need not run.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -68,14 +68,12 @@ def _channels(block: Block) -> tuple[bytes, bool, bool, bool]:
     return (block.has_joint.tobytes(), *inertial)
 
 
-def screened(config: Config, blocks: Sequence[Block]) -> list[Block]:
-    """Return the blocks without the channels that the recursion of a flight would leave out."""
+def screened(config: Config, blocks: Sequence[Block]) -> Iterator[Block]:
+    """Yield the blocks without the channels that the recursion of a flight would leave out."""
     estimator = build_online(config)
-    found = []
     for block in blocks:
         try:
             estimator.push(block)
         except NUMERICAL:
             estimator.reset()
-        found.append(estimator.screened(block) if isinstance(estimator, Screening) else block)
-    return found
+        yield estimator.screened(block) if isinstance(estimator, Screening) else block

@@ -9,6 +9,7 @@ from scipy.special import chdtri
 
 from fsw.estimators.batch.plain import BatchSolution
 from fsw.estimators.batch.solver import Progress, Target, minimise
+from fsw.estimators.block_view import fitting
 from fsw.estimators.creep import Scores, changes, worst_change
 from fsw.estimators.few_windows import FEW_WINDOWS
 from fsw.estimators.few_windows import in_words as few_in_words
@@ -60,7 +61,7 @@ def settle(
     fits, scattered = [True] * len(blocks), ""
     noise = before = InnovationMonitor(0.0)
     for more in reversed(range(GATE_ROUNDS)):
-        used, fitted = list(compress(blocks, fits)), fits
+        used, fitted = fitting(blocks, fits), fits
         target = Target(linear, fits, noise.variance)
         solution = minimise(problem, target, progress, start)
         residuals = [part.b.copy() for part in linear(solution.mean)]
