@@ -20,10 +20,10 @@ from fsw.drivers.layout.joints import (
     position_step_rad,
 )
 from fsw.drivers.sources.bus_errors import BusErrors
-from fsw.drivers.sources.counters import Counters
 from fsw.drivers.sources.described_frames import FrameReader
 from fsw.drivers.sources.groups import Arrivals, Groupings
-from fsw.drivers.sources.joint_track import HISTORY_SYNCS, Calibration, JointTracks, Readings
+from fsw.drivers.sources.joint_end import JointEnd, Raw
+from fsw.drivers.sources.joint_track import HISTORY_SYNCS
 from fsw.drivers.sources.sync import UNKNOWN, SyncHistory, history_of
 from fsw.drivers.sources.validity import ByArrival, ByDeviceTime, Validity, wire_s
 from fsw.drivers.wire import ERR_FLAG, FrameArray, Reject, frame_at
@@ -64,7 +64,6 @@ class DescribedBusSource:
         health: HealthConfig | None = None,
     ) -> None:
         self._bus = bus
-        self._indexes = np.array([i for i, _ in joints], np.int64)
         self._joints = [joint for _, joint in joints]
         self._layouts = [layouts[i] for i, _ in joints]
         period_s = 1.0 / bus.rate_hz
@@ -74,9 +73,7 @@ class DescribedBusSource:
         steps_rad = [
             position_step_rad(*own) for own in zip(self._joints, self._layouts, strict=True)
         ]
-        self._tracks = JointTracks(joints, period_s, steps_rad)
-        self._calibration = Calibration(self._joints, on_wire=False)
-        self._senses = np.array([joint.torque != "none" for joint in self._joints])
+        self._end = JointEnd(joints, period_s, steps_rad)
         timings = [_timing_of(joint) for joint in self._joints]
         self._groups = Groupings(
             [
@@ -109,10 +106,7 @@ class DescribedBusSource:
     @property
     def counters(self) -> dict[str, int]:
         """Counters of the whole bus."""
-        out = Counters().as_dict()
-        for track in self._tracks:
-            for key, value in track.counts.as_dict().items():
-                out[key] += value
+        out = self._end.counters()
         out["sync"] = self._sync_count
         out["other_frames"] = self._other_frames
         out["error_frames"] = self._errors.frames
@@ -124,7 +118,7 @@ class DescribedBusSource:
     @property
     def joint_counters(self) -> dict[int, dict[str, int]]:
         """Counters by index of the joint."""
-        return {track.index: track.counts.as_dict() for track in self._tracks}
+        return self._end.joint_counters()
 
     @staticmethod
     def motor_side() -> dict[str, dict[str, float]]:
@@ -256,23 +250,11 @@ class DescribedBusSource:
             else:
                 text = f"status 0x{status[k]:x}" if not good_status[k] else "the invalid value"
                 self._refuse(joint[k], int(timed.done_ns[k]), Reject.STATUS, 0, text)
-        position, torque = self._calibration.apply(joint, values[:, POSITION], values[:, TORQUE])
-        torque[~(np.isfinite(torque) & self._senses[joint])] = np.nan
-        order = np.flatnonzero(usable)
-        counts = np.bincount(joint[order], minlength=len(self._joints)).tolist()
-        readings = Readings(
-            sync=index[order],
-            t_ns=t_ns[order],
-            position_rad=position[order],
-            torque_nm=torque[order],
-            in_time=np.ones(len(order), np.bool_),
-        )
-        for place, reason, fault in self._tracks.judge(counts, readings):
-            row = int(order[place])
-            usable[row] = False
-            counts[joint[row]] -= 1
+        raw = Raw(joint, index, t_ns, timed.done_ns, values[:, POSITION], values[:, TORQUE])
+        judged = self._end.judge(raw, usable)
+        for row, reason, fault in judged.refused:
             self._refuse(joint[row], int(timed.done_ns[row]), reason, 0, "", fault)
-        for place, (track, count) in enumerate(zip(self._tracks, counts, strict=True)):
+        for place, (track, count) in enumerate(zip(self._end.tracks, judged.counts, strict=True)):
             track.counts.accepted += count
             if track.newest > self._settled[place]:
                 lost = track.counts.lost
@@ -281,17 +263,10 @@ class DescribedBusSource:
                 if track.counts.lost > lost and count:
                     text = f"{track.counts.lost - lost} samples missing"
                     self._find(self._heard_ns[place] or 0, Fault.JOINT_LOST, place, text)
-        without = usable & self._senses[joint] & np.isnan(torque)
-        self._torque_unusable += int(without.sum())
-        for k in np.flatnonzero(without).tolist():
+        self._torque_unusable += len(judged.silent)
+        for k in judged.silent:
             self._find(int(timed.done_ns[k]), Fault.TORQUE_FAULT, int(joint[k]), "no torque")
-        return JointSamples(
-            t_ns=t_ns[usable],
-            t_receive_ns=timed.done_ns[usable],
-            joint=self._indexes[joint[usable]],
-            position_rad=position[usable],
-            torque_nm=torque[usable],
-        )
+        return judged.samples
 
     def _refuse(
         self,
@@ -303,7 +278,7 @@ class DescribedBusSource:
         fault: Fault | None = None,
     ) -> None:
         """Count and report a sample or frame that is not used."""
-        self._tracks[place].counts.reject(reason, size)
+        self._end.tracks[place].counts.reject(reason, size)
         known = {
             Reject.LENGTH: Fault.JOINT_LENGTH,
             Reject.STALE: Fault.JOINT_COUNTER,

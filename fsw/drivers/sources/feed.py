@@ -5,19 +5,18 @@ to none of them count for the first kind. Joints are judged as those on a CAN bu
 """
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fsw.config import BusConfig, Config, HealthConfig
 from fsw.config.feed import SAMPLES
 from fsw.config.keys import read_key
 from fsw.drivers.codecs.feed import Datagram, Kind, decode_datagram
 from fsw.drivers.sources.counters import Counters
-from fsw.drivers.sources.joint_track import Calibration, JointTracks, Readings
+from fsw.drivers.sources.joint_end import JointEnd, Raw
 from fsw.drivers.sources.line_watch import IMU_LINE, TRACKER_LINE, LineFaults, LineWatch
 from fsw.drivers.sources.samples import (
     FORCE,
@@ -267,14 +266,10 @@ class _Joints:
     """Values of a feed's joints to calibrated and judged samples."""
 
     def __init__(self, joints: Sequence[tuple[int, Any]], bus: BusConfig) -> None:
-        configs = [joint for _, joint in joints]
+        self._speed_only = np.array([joint.speed_only for _, joint in joints])
         self._n = len(joints)
-        self._indexes = np.array([i for i, _ in joints], np.int64)
-        self._tracks = JointTracks(joints, 1.0 / bus.rate_hz)
-        self._calibration = Calibration(configs, on_wire=False)
-        self._speed_only = np.array([joint.speed_only for joint in configs])
-        self._senses_torque = np.array([joint.torque != "none" for joint in configs])
-        self._latch_offset_ns = round(bus.latch_offset_s * 1e9)
+        offset_ns = round(bus.latch_offset_s * 1e9)
+        self._end = JointEnd(joints, 1.0 / bus.rate_hz, offset_ns=offset_ns)
 
     def samples(self, stream: _Stream, found: deque[Finding]) -> JointSamples:
         """Return the good samples of the accepted datagrams; add findings to `found`."""
@@ -285,48 +280,29 @@ class _Joints:
             values[k, : len(row) // n] = np.reshape(row, (-1, n))
         raw = np.where(self._speed_only, values[:, 2], values[:, 0])
         joint = np.tile(np.arange(n), len(rows))
-        index, t_ns, t_receive_ns = (np.repeat(own, n) for own in (index, t_ns, t_receive_ns))
-        position, torque = self._calibration.apply(joint, raw.ravel(), values[:, 1].ravel())
-        torque[~self._senses_torque[joint]] = np.nan
-        usable = np.isfinite(position)
-        self._report(joint, t_receive_ns, ~usable, Fault.ENCODER_FAULT, found)
-        silent = usable & np.isnan(torque) & self._senses_torque[joint]
-        self._report(joint, t_receive_ns, silent, Fault.TORQUE_FAULT, found)
+        index, t_ns, t_receive_ns = (np.repeat(one, n) for one in (index, t_ns, t_receive_ns))
+        usable = np.isfinite(raw.ravel())
+        self._report(joint, t_receive_ns, np.flatnonzero(~usable), Fault.ENCODER_FAULT, found)
         stream.count_refused(Reject.STATUS, int(np.count_nonzero(~usable)))
-        order = np.flatnonzero(usable)
-        order = order[np.argsort(joint[order], kind="stable")]
-        readings = Readings(
-            sync=index[order],
-            t_ns=t_ns[order],
-            position_rad=position[order],
-            torque_nm=torque[order],
-            in_time=np.ones(len(order), np.bool_),
-        )
-        counts = np.bincount(joint[order], minlength=n).tolist()
-        for place, reason, fault in self._tracks.judge(counts, readings):
-            row = order[place]
-            usable[row] = False
+        own = Raw(joint, index, t_ns, t_receive_ns, raw.ravel(), values[:, 1].ravel())
+        judged = self._end.judge(own, usable)
+        self._report(joint, t_receive_ns, judged.silent, Fault.TORQUE_FAULT, found)
+        for k, reason, fault in judged.refused:
             stream.count_refused(reason, 1)
             if fault is not None:
-                name = self._tracks[joint[row]].config.name
-                found.append(Finding(int(t_receive_ns[row]), fault, name))
-        return JointSamples(
-            t_ns=t_ns[usable] + self._latch_offset_ns,
-            t_receive_ns=t_receive_ns[usable],
-            joint=self._indexes[joint[usable]],
-            position_rad=position[usable],
-            torque_nm=torque[usable],
-        )
+                name = self._end.tracks[joint[k]].config.name
+                found.append(Finding(int(t_receive_ns[k]), fault, name))
+        return judged.samples
 
     def _report(
         self,
         joint: IntArray,
         t_ns: IntArray,
-        faulty: NDArray[np.bool_],
+        rows: Iterable[int],
         fault: Fault,
         found: deque[Finding],
     ) -> None:
         """Add a finding for each value that the sender has marked as not valid."""
-        for row in np.flatnonzero(faulty).tolist():
-            name = self._tracks[joint[row]].config.name
+        for row in rows:
+            name = self._end.tracks[joint[row]].config.name
             found.append(Finding(int(t_ns[row]), fault, name, "not valid by the sender's mask"))

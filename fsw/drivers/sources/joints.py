@@ -20,13 +20,8 @@ from fsw.drivers.layout.shipped import (
 from fsw.drivers.sources.bus_errors import BusErrors
 from fsw.drivers.sources.bus_watch import Answers, BusWatch, Mark
 from fsw.drivers.sources.counters import Counters
-from fsw.drivers.sources.joint_track import (
-    HISTORY_SYNCS,
-    Calibration,
-    JointTrack,
-    JointTracks,
-    Readings,
-)
+from fsw.drivers.sources.joint_end import JointEnd, Raw
+from fsw.drivers.sources.joint_track import HISTORY_SYNCS, JointTrack
 from fsw.drivers.sources.sync import UNKNOWN, history_of
 from fsw.drivers.wire import MAX_DATA_BYTES, CanFrame, FrameArray, Reject, frame_at, picked
 from fsw.messages import IntArray, JointSamples, joined
@@ -71,19 +66,16 @@ class JointBusSource:
             health.silent_periods,
             health.late_periods,
         )
-        self._latch_offset_ns = round(bus.latch_offset_s * 1e9)
         self._syncs = history_of(bus)
         self._unsettled: deque[tuple[int, int]] = deque()  # SYNC stamp and index
-        period_s = 1.0 / bus.rate_hz
-        self._tracks = JointTracks(joints, period_s)
+        offset_ns = round(bus.latch_offset_s * 1e9)
+        self._end = JointEnd(joints, 1.0 / bus.rate_hz, on_wire=True, offset_ns=offset_ns)
+        self._tracks = self._end.tracks
         configs = [config for _, config in joints]
-        self._calibration = Calibration(configs)
-        self._indexes = np.array([i for i, _ in joints], np.int64)
         self._ids = np.array([config.node_id for config in configs], np.int64)
         self._place = np.full(canopen.NODE_MASK + 1, -1)  # of a node's joint in `joints`; -1: none
         self._place[self._ids] = np.arange(len(joints))
         is_fd = np.array([config.format == "fd" for config in configs], np.bool_)
-        self._senses_torque = np.array([config.torque != "none" for config in configs])
         self._readers = is_fd * np.array([1 + config.speed_only for config in configs], np.int64)
         self._kinds = sorted(set(self._readers.tolist())) or [0]
         self._lengths = np.where(is_fd, JOINT_FD.length, JOINT.length)
@@ -99,9 +91,7 @@ class JointBusSource:
     def counters(self) -> dict[str, int]:
         """Counters of the whole bus."""
         out = self._counts.as_dict()
-        for track in self._tracks:
-            for key, value in track.counts.as_dict().items():
-                out[key] += value
+        out = {key: value + out[key] for key, value in self._end.counters().items()}
         out["sync"] = self._syncs.count
         out["sync_lost"] = self._syncs.lost
         out["sync_invalid"] = self._syncs.invalid
@@ -115,7 +105,7 @@ class JointBusSource:
     @property
     def joint_counters(self) -> dict[int, dict[str, int]]:
         """Counters by index of the joint."""
-        return {t.index: t.counts.as_dict() for t in self._tracks}
+        return self._end.joint_counters()
 
     @property
     def node_states(self) -> dict[int, int]:
@@ -133,7 +123,7 @@ class JointBusSource:
             joint = self._tracks[place].config
             velocity, torque, temperature = (float(own[0]) for own in READ_JOINT_SLOW(data[None]))
             values[joint.name] = {
-                "velocity_rad_s": self._calibration.rate(place, velocity),
+                "velocity_rad_s": self._end.calibration.rate(place, velocity),
                 "motor_torque_ratio": joint.sign * torque,
                 "temperature_degc": temperature,
             }
@@ -255,46 +245,24 @@ class JointBusSource:
         index[~whole] = UNKNOWN
         self._watch.feed(Answers(self._ids[node], index, newest, rows, t_ns), syncs, others)
         usable = (index >= 0) & ~crept & canopen.position_usable(status)
-        position_rad, torque_nm = self._calibration.apply(node, position_rad, torque_nm)
-        senses = self._senses_torque[node]
-        has_torque = canopen.torque_usable(status) & senses
-        torque_nm[~has_torque] = np.nan
+        torque_nm[~canopen.torque_usable(status)] = np.nan
         self._count_received(node, length)
         if np.count_nonzero(usable) < len(usable):
             places = np.flatnonzero(~usable)
             self._refuse_unused(frames, node, places, whole, index, crept, status)
-        order = np.flatnonzero(usable)
-        order = order[np.argsort(node[order], kind="stable")]
-        counts = np.bincount(node[order], minlength=len(self._lengths)).tolist()
-        readings = Readings(
-            sync=index[order],
-            t_ns=sync_ns[order],
-            position_rad=position_rad[order],
-            torque_nm=torque_nm[order],
-            in_time=t_ns[order] - sync_ns[order] <= LOST_AFTER_NS,
-        )
-        for place, reason, fault in self._tracks.judge(counts, readings):
-            row = order[place]
+        raw = Raw(node, index, sync_ns, t_ns, position_rad, torque_nm)
+        judged = self._end.judge(raw, usable, t_ns - sync_ns <= LOST_AFTER_NS)
+        for row, reason, fault in judged.refused:
             track = self._tracks[node[row]]
-            counts[node[row]] -= 1
             track.counts.reject(reason, int(length[row]))
-            usable[row] = False
             if fault is not None:
                 self._watch.find(int(t_ns[row]), fault, track.config.node_id)
-        for track, size, count in zip(self._tracks, self._lengths.tolist(), counts, strict=True):
+        sizes = zip(self._tracks, self._lengths.tolist(), judged.counts, strict=True)
+        for track, size, count in sizes:
             track.counts.accepted += count
             track.counts.accepted_bytes += count * size
-        self._report_torques(frames, node, usable & senses & ~has_torque, status)
-        if np.count_nonzero(usable) < len(usable):
-            sync_ns, t_ns, node = sync_ns[usable], t_ns[usable], node[usable]
-            position_rad, torque_nm = position_rad[usable], torque_nm[usable]
-        return JointSamples(
-            t_ns=sync_ns + self._latch_offset_ns,
-            t_receive_ns=t_ns.astype(np.int64),
-            joint=self._indexes[node],
-            position_rad=position_rad,
-            torque_nm=torque_nm,
-        )
+        self._report_torques(frames, node, judged.silent, status)
+        return judged.samples
 
     def _decode(self, data: NDArray[np.uint8], node: IntArray) -> list[NDArray[Any]]:
         """Return position, torque, status and counter of frames in the format of their joints."""
@@ -337,10 +305,10 @@ class JointBusSource:
             track.counts.reject(reason, length)
 
     def _report_torques(
-        self, frames: FrameArray, node: IntArray, faulty: NDArray[np.bool_], status: IntArray
+        self, frames: FrameArray, node: IntArray, places: list[int], status: IntArray
     ) -> None:
         """Count and report accepted samples whose torque cannot be used."""
-        for place in np.flatnonzero(faulty).tolist():
+        for place in places:
             self._torque_unusable += 1
             bits = int(status[place])
             overload = bits & canopen.STATUS_TORQUE_OVERLOAD
