@@ -2,9 +2,13 @@
 
 import pickle
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import fields
 from tempfile import TemporaryFile
 from typing import IO, Any, TypeVar, overload
 from weakref import finalize
+
+import numpy as np
+from numpy.typing import NDArray
 
 T = TypeVar("T")
 GROUP = 512  # items that are read together
@@ -12,7 +16,7 @@ IN_MEMORY = 4 * GROUP  # first items, which stay in memory: 14 min at 0.4 s
 
 
 class Shelf(Sequence[T]):
-    """Items in the order in which they were added; those after the first ones are in a file.
+    """Dataclasses in the order in which they were added; those after the first ones are in a file.
 
     The file has no name, lies in the folder for temporary files, and ends with the process.
     """
@@ -46,7 +50,14 @@ class Shelf(Sequence[T]):
     def __getitem__(self, place: int | slice) -> T | list[T]:
         """Return an item, or a list of items."""
         if isinstance(place, slice):
-            return [self[k] for k in range(*place.indices(len(self)))]
+            wanted = range(*place.indices(len(self)))
+            if wanted.step != 1 or wanted.start < len(self._held):
+                return [self[k] for k in wanted]
+            found: list[T] = []
+            while len(found) < len(wanted):  # the rest of a group at once
+                group, at = divmod(wanted.start + len(found) - len(self._held), GROUP)
+                found += self._read(group)[at : at + len(wanted) - len(found)]
+            return found
         k = place + len(self) if place < 0 else place
         if not 0 <= k < len(self):
             raise IndexError(place)
@@ -67,7 +78,7 @@ class Shelf(Sequence[T]):
             self._file = TemporaryFile(prefix="fsw-")  # noqa: SIM115
             finalize(self, self._file.close)
         self._starts.append(self._file.seek(0, 2))
-        pickle.dump(self._open, self._file, pickle.HIGHEST_PROTOCOL)
+        pickle.dump(_columns(self._open), self._file, pickle.HIGHEST_PROTOCOL)
         self._open = []
 
     def _read(self, group: int) -> list[T]:
@@ -75,6 +86,20 @@ class Shelf(Sequence[T]):
             return self._open
         if self._group[0] != group and self._file is not None:
             self._file.seek(self._starts[group])
-            items: Any = pickle.load(self._file)
-            self._group = group, items
+            kind, columns = pickle.load(self._file)
+            rows = zip(*columns.values(), strict=True)
+            self._group = group, [kind(**dict(zip(columns, row, strict=True))) for row in rows]
         return self._group[1]
+
+
+def _columns(items: Sequence[Any]) -> tuple[type, dict[str, Any]]:
+    """Return the type of dataclasses, and their values by field: equal arrays are read fast."""
+    first = items[0]
+    return type(first), {
+        own.name: _stacked([getattr(item, own.name) for item in items]) for own in fields(first)
+    }
+
+
+def _stacked(values: list[Any]) -> NDArray[Any] | list[Any]:
+    shapes = {own.shape if isinstance(own, np.ndarray) else () for own in values}
+    return np.stack(values) if len(shapes) == 1 and shapes != {()} else values

@@ -35,7 +35,10 @@ class BlockView(Sequence[Block]):
     def __getitem__(self, place: int | slice) -> Block | list[Block]:
         """Return a block, or a list of blocks."""
         if isinstance(place, slice):
-            return [self._change(self._blocks[k]) for k in self._places[place].tolist()]
+            places = self._places[place].tolist()
+            if places and places == list(range(places[0], places[-1] + 1)):  # neighbours
+                return [self._change(own) for own in self._blocks[places[0] : places[-1] + 1]]
+            return [self._change(self._blocks[k]) for k in places]
         return self._change(self._blocks[int(self._places[place])])
 
     def __iter__(self) -> Iterator[Block]:

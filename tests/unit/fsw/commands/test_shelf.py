@@ -2,7 +2,7 @@
 
 import tracemalloc
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -36,9 +36,15 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(creep, "GROUP", FEW)
 
 
+@dataclass(frozen=True)
+class Item:
+    number: int
+    values: np.ndarray
+
+
 @pytest.mark.parametrize("count", [0, 1, FEW, FEW + 1, 3 * FEW, 3 * FEW + 5])
 def test_a_shelf_is_a_list(count: int) -> None:
-    items = list(range(count))
+    items = [Item(k, np.array([k])) for k in range(count)]
     own = Shelf(items)
     assert (len(own), list(own), own[:]) == (count, items, items)
     for place in range(-count, count):
