@@ -3,7 +3,6 @@
 import argparse
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from math import sqrt
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +27,7 @@ STATUS_WORD = "0x6041"  # of CiA 402
 ENABLED = "mask: 0x000C, value: 0x0004}  # CHECK: enabled, no fault"
 TPDOS = range(0x181, 0x580)  # identifiers of process data of nodes
 FLOAT_NOISE_RAD = 1e-5  # a guess for a float, whose step is not known
+ROUNDING = 0.6  # noise over step: that of a slow joint is not white, and counts as twice of it
 MOST_NOISE_RAD = 0.1  # more is a signal read in a wrong way
 PORT = ("interface: socketcan  # CHECK any of python-can's", "channel: can0  # CHECK")
 FEED = (
@@ -205,7 +205,7 @@ class _Proposal:
         angles, forces : SI value of a unit of each joint's position and torque
         """
         floors = [
-            FLOAT_NOISE_RAD if own.number == "float" else abs(own.scale * factor) / sqrt(12.0)
+            FLOAT_NOISE_RAD if own.number == "float" else ROUNDING * abs(own.scale * factor)
             for own, factor in zip(self.position.signals, angles, strict=True)
         ]
         if not len(self.frames):

@@ -45,7 +45,8 @@ class Dialect:
     messages : description of the frames of a drive, for the flight software
     joint : keys of a drive's joint in the flight configuration: signals and timing
     bus : keys of its bus
-    torque_step_nm, position_step_rad : resolution on the wire; 0: that of a float
+    torque_step_nm, position_step_rad : resolution on the wire, which the flight software counts as
+        noise; 0: that of a float
     """
 
     trigger: Literal["timer", "sync", "command"]
