@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fsw.checks.robot import MOST_EFFORT_NM
 from fsw.checks.wiring import LEAST_FRAMES, frame_rate_hz, frames_of
 from fsw.commands.init_columns import joint_groups
 from fsw.commands.init_nodes import nodes_of
@@ -28,6 +29,7 @@ ENABLED = "mask: 0x000C, value: 0x0004}  # CHECK: enabled, no fault"
 TPDOS = range(0x181, 0x580)  # identifiers of process data of nodes
 FLOAT_NOISE_RAD = 1e-5  # a guess for a float, whose step is not known
 ROUNDING = 0.6  # noise over step: that of a slow joint is not white, and counts as twice of it
+RATED_NM = 1e3  # a guess for a joint whose <limit> is a placeholder
 MOST_NOISE_RAD = 0.1  # more is a signal read in a wrong way
 PORT = ("interface: socketcan  # CHECK any of python-can's", "channel: can0  # CHECK")
 FEED = (
@@ -169,7 +171,8 @@ class _Proposal:
         rate_hz: float,
     ) -> Recorded:
         """Return the lines; `own` are those of each joint that say where its node is."""
-        torque, rated_nm = self.torque, self.model.model.effortLimit[6:].tolist()
+        torque, efforts = self.torque, self.model.model.effortLimit[6:].tolist()
+        rated_nm = [own if 0.0 < own <= MOST_EFFORT_NM else RATED_NM for own in efforts]
         angles = [unit_of(*each, 0.0) for each in self._each(self.position, "position")]
         forces = [
             unit_of(*each, rated)
@@ -205,7 +208,9 @@ class _Proposal:
         angles, forces : SI value of a unit of each joint's position and torque
         """
         floors = [
-            FLOAT_NOISE_RAD if own.number == "float" else ROUNDING * abs(own.scale * factor)
+            FLOAT_NOISE_RAD
+            if own.number == "float"
+            else min(ROUNDING * abs(own.scale * factor), MOST_NOISE_RAD)
             for own, factor in zip(self.position.signals, angles, strict=True)
         ]
         if not len(self.frames):

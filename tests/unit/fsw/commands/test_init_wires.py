@@ -243,6 +243,22 @@ def test_an_eds_is_mapped_by_the_names_of_its_objects(folder, capsys):
     assert main(["check", str(folder / "robot.yaml")]) == 0, capsys.readouterr().err
 
 
+@pytest.mark.parametrize("effort", ["0", "1e16"])
+def test_a_rated_torque_is_guessed_where_the_urdf_has_none(folder, effort):
+    urdf = arm_urdf(3).replace('effort="50"', f'effort="{effort}"')
+    (folder / "arm.urdf").write_text(urdf)
+    (folder / "drive.eds").write_text(eds())
+    assert made(folder, "--eds", str(folder / "drive.eds")) == 0
+    assert load(folder / "robot.yaml").joints[0].signals["torque"].rated_torque_nm == 1000.0
+
+
+def test_a_step_that_cannot_be_is_no_noise(folder):
+    text = "".join(one_message(n).replace("(0.0001,0)", "(1000,0)") for n in (1, 2, 3))
+    (folder / "robot.dbc").write_text(HEAD + text)
+    assert made(folder, "--bus", f"arm={folder / 'robot.dbc'}") == 0
+    assert load(folder / "robot.yaml").joints[0].position_noise_rad == 0.1
+
+
 def test_a_bus_yml_gives_nodes_mapping_and_scale(folder, capsys):
     """Its mapping replaces the file's: the position is in TPDO2, the torque is not sent."""
     (folder / "drive.eds").write_text(eds())
