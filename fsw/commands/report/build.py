@@ -45,7 +45,7 @@ def view(collected: Collected) -> View:
         title, until = f"{collected.config.name}, live", f" after {elapsed_s:.0f} s"
         sections.insert(0, now(status, closed=not result.truncated))
     return View(
-        title=f"{title}: {unknown} by {result.method}",
+        title=f"{title}: {unknown}, method {result.method}",
         verdict=(f"NOT VALID: {', '.join(reasons)}" if reasons else valid_words(collected)) + until,
         valid=not reasons,
         sections=sections,

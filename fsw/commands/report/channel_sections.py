@@ -67,7 +67,14 @@ def residuals(c: Collected) -> Section:
     ]
     tables = [Table(head=head, rows=rows)]
     text = [*wide_words(c), *text]
-    return Section(title=title, text=text, tables=tables, charts=charts, in_rows_of=3)
+    return Section(
+        title=title,
+        text=text,
+        tables=tables,
+        charts=charts,
+        folded="Curves, spectra and histograms of every channel",
+        in_rows_of=3,
+    )
 
 
 def wide_words(c: Collected) -> list[str]:

@@ -1,11 +1,14 @@
 """Sections of a report on the identified bodies, their estimates over time and their accuracy."""
 
+from collections.abc import Iterator
+
 import numpy as np
 
+from fsw.commands.replay_result import ReplayResult
 from fsw.commands.report.collect import Collected
 from fsw.commands.report.view import TIME, Chart, Section, Table, line_of, thinned_axis, times_s
 from fsw.exchange.status import body_sigma, body_values
-from fsw.messages import FloatArray
+from fsw.messages import BodyEstimate, FloatArray
 
 AXES = ("xx", "xy", "xz", "yy", "yz", "zz")
 QUANTITIES = (
@@ -26,11 +29,46 @@ def result(c: Collected) -> Section:
             for part, value, one in zip(parts, flat, sigma, strict=True):
                 rows.append((name, _named(words, part), f"{value:.6g}", f"{one:.2g}", unit))
     verdicts = (result.diagnosis or {}).get("verdict", {})
-    text = [*verdicts.values(), "Inertia is about the centre of mass, in the axes of the body."]
+    text = [
+        *verdicts.values(),
+        *_meaning(result),
+        "Inertia is about the centre of mass, in the axes of the body.",
+    ]
     cut_off = [result.cut_off()] if result.truncated and c.daemon is not None else []
     text += [f"{line}." for line in result.warnings() if line not in cut_off]
     head = ("body", "quantity", "estimate", "1 sigma", "unit")
     return Section(title="Result", text=text, tables=[Table(head=head, rows=rows)])
+
+
+def _meaning(result: ReplayResult) -> list[str]:
+    """Return a sentence on what valid means here, and one on what is known least."""
+    estimate = result.estimate
+    if estimate is None:
+        return []
+    if not estimate.valid:
+        return ["Not valid means: use none of these values before the reason above is removed."]
+    least = max(own for name, body in estimate.bodies.items() for own in _shares(name, body))
+    return [
+        "Valid means: the data say more than the prior in every direction, and the residuals are "
+        f"what the noise explains. Known least is {least[1]}."
+    ]
+
+
+def _shares(name: str, body: BodyEstimate) -> Iterator[tuple[float, str]]:
+    """Yield each quantity's sigma over the body's own scale, and words on both."""
+    sigmas = body_sigma(body)
+    moment = float(np.mean(body.inertia_kg_m2[[0, 3, 5]]))
+    scales = {
+        "mass_kg": (body.mass_kg, "the mass"),
+        "com_m": (float(np.sqrt(abs(moment) / body.mass_kg)), "the radius of gyration"),
+        "inertia_kg_m2": (abs(moment), "the mean moment of inertia"),
+    }
+    for key, words, unit, parts in QUANTITIES:
+        scale, what = scales[key]
+        for part, sigma in zip(parts, np.atleast_1d(sigmas[key]), strict=True):
+            share = float(sigma) / max(scale, 1e-12)
+            size = f"1 sigma {sigma:.2g} {unit}, {100 * share:.2g} % of {what}"
+            yield share, f"{name} {_named(words, part)}: {size}"
 
 
 def estimates(c: Collected) -> Section:

@@ -93,7 +93,7 @@ def view(values: Mapping[str, Any], collected: Collected, recursive: Sequence[Es
     ]
     sections.insert(-1, channels.timing(collected))
     unknown = " and ".join(values["unknown"])
-    title = f"{collected.name}: {unknown} by {values['method']}, one batch"
+    title = f"{collected.name}: {unknown}, method {values['method']}, one batch"
     return View(title=title, verdict=verdict, valid=valid, sections=sections)
 
 

@@ -46,12 +46,16 @@ function decades(u, axis, low, high) {
   return ticks;
 }
 
+function width(figure) {
+  return Math.max(figure.clientWidth, 100); // none while it is folded
+}
+
 function draw(figure, data) {
   const { columns, series, bands } = spread(data);
   const isTime = data.x_label.startsWith("time");
   let narrow = data.y_range !== null;
   const options = {
-    width: figure.clientWidth,
+    width: width(figure),
     height: HEIGHT,
     series,
     bands,
@@ -89,12 +93,15 @@ function draw(figure, data) {
   plot.over.addEventListener("dblclick", () => {
     narrow = false;
   }, true);
-  const fit = () => plot.setSize({ width: figure.clientWidth, height: HEIGHT });
+  const fit = () => plot.setSize({ width: width(figure), height: HEIGHT });
   new ResizeObserver(fit).observe(figure);
   window.addEventListener("beforeprint", fit);
   return plot;
 }
 
+window.addEventListener("beforeprint", () => {
+  document.querySelectorAll("details.fold").forEach((fold) => { fold.open = true; });
+});
 const charts = JSON.parse(document.getElementById("charts").textContent);
 window.plots = [...document.querySelectorAll("figure[data-chart]")].map((figure) =>
   draw(figure, charts[Number(figure.dataset.chart)]),

@@ -38,7 +38,7 @@ def page(view: View) -> str:
 
 def _section(place: int, section: Section, first_chart: int) -> str:
     parts = [f'<section id="s{place}"><h2>{escape(section.title)}</h2>']
-    parts += [f"<p>{escape(text)}</p>" for text in section.text]
+    parts += [f"<p>{_shown(text)}</p>" for text in section.text]
     parts += [_table(table) for table in section.tables if table.rows]
     figures = "".join(
         f'<figure data-chart="{first_chart + k}"><figcaption>{escape(chart.title)}</figcaption>'
@@ -46,7 +46,11 @@ def _section(place: int, section: Section, first_chart: int) -> str:
         for k, chart in enumerate(section.charts)
     )
     if figures:
-        parts.append(f'<div class="charts" style="--across:{section.in_rows_of}">{figures}</div>')
+        charts = f'<div class="charts" style="--across:{section.in_rows_of}">{figures}</div>'
+        fold = f"<summary>{escape(section.folded)}</summary>"
+        parts.append(
+            f'<details class="fold">{fold}{charts}</details>' if section.folded else charts
+        )
     if section.source:
         source = escape(section.source)
         parts.append(f"<details><summary>Configuration</summary><pre>{source}</pre></details>")
@@ -56,12 +60,16 @@ def _section(place: int, section: Section, first_chart: int) -> str:
 def _table(table: Table) -> str:
     head = "".join(f"<th>{escape(word)}</th>" for word in table.head)
     rows = "".join(
-        "<tr>" + "".join(f"<td{_kind(cell)}>{escape(str(cell))}</td>" for cell in row) + "</tr>"
+        "<tr>" + "".join(f"<td{_kind(cell)}>{_shown(str(cell))}</td>" for cell in row) + "</tr>"
         for row in table.rows
     )
     body = f"<thead><tr>{head}</tr></thead><tbody>{rows}</tbody>"
     kind = "table long" if len(table.rows) > LONG else "table"
     return f'<div class="{kind}"><table>{body}</table></div>'
+
+
+def _shown(text: str) -> str:
+    return escape(text).replace("+-", "±")  # which a terminal or a log need not have
 
 
 def _kind(cell: object) -> str:

@@ -56,6 +56,7 @@ class Section:
     charts: Sequence[Chart] = ()
     source: str = ""  # shown folded
     in_rows_of: int = 1  # charts beside one another on a wide page
+    folded: str = ""  # name of the fold that hides the charts; empty: they are shown
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

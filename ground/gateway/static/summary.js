@@ -33,15 +33,16 @@ function verdict() {
   if (isStale('health')) return ['high', 'STALE', 'health is overdue: values are old'];
   const faults = bitsOf(now('health.health_now')), latched = bitsOf(now('health.health'));
   const severe = faults.filter((name) => SEVERE.includes(name));
-  if (severe.length) return ['high', 'FAULT', faults.join(', ')];
-  if (faults.length) return ['medium', 'DEGRADED', faults.join(', ')];
+  if (severe.length) return ['high', `${validity()}, FAULT`, faults.join(', ')];
+  if (faults.length) return ['medium', `${validity()}, DEGRADED`, faults.join(', ')];
   if (isStale('estimate')) return ['medium', 'ESTIMATE STALE', 'the estimate is overdue'];
   if (label('health.mode') !== 'IDENTIFY' && label('health.mode') !== 'BATCH')
     return ['low', label('health.mode'), 'nothing is identified in this mode'];
   if (!now('estimate.valid')) return ['low', 'NOT VALID YET', wordsOf(label('estimate.reason'))];
-  if (latched.length) return ['low', 'VALID, WITH A PAST FAULT', `latched: ${latched.join(', ')}`];
-  return ['good', 'HEALTHY', 'the estimate is valid'];
+  if (latched.length) return ['low', 'VALID, WITH A PAST FAULT', `over, and kept until cleared: ${latched.join(', ')}`];
+  return ['good', 'VALID', 'healthy: no fault now or before'];
 }
+const validity = () => isStale('estimate') ? 'ESTIMATE STALE' : now('estimate.valid') ? 'VALID' : 'NOT VALID';
 const wordsOf = (text) => text.toLowerCase().replaceAll('_', ' ');
 
 function tile(name, value, more, colour, packet) {
@@ -62,13 +63,13 @@ function bodyTile(body) {
   const digits = Math.max(0, Math.min(4, 1 - Math.floor(Math.log10(value('sigma_mass_kg') || 1))));
   const com = ['x', 'y', 'z'].map((axis) => value(`com_${axis}_m`).toFixed(3)).join(', ');
   return tile(title, `${value('mass_kg').toFixed(digits)} ± ${value('sigma_mass_kg').toFixed(digits)} kg`,
-    `centre of mass ${com} m`, now('estimate.valid') ? 'good' : 'low', 'estimate');
+    `${now('estimate.valid') ? 'valid' : 'not valid'}, centre of mass ${com} m`, now('estimate.valid') ? 'good' : 'low', 'estimate');
 }
 
-function healthTile(name, key, none, colour) {
+function healthTile(name, key, none, colour, more) {
   if (now(key) === undefined) return tile(name, '...', '', '', 'health');
   const found = bitsOf(now(key)), severe = found.some((one) => SEVERE.includes(one));
-  return tile(name, found.join(', ') || none, `word ${now(key)}`, found.length ? (severe ? 'high' : colour) : 'good', 'health');
+  return tile(name, found.join(', ') || none, found.length ? more : '', found.length ? (severe ? 'high' : colour) : 'good', 'health');
 }
 
 function tiles() {
@@ -76,8 +77,8 @@ function tiles() {
   const free = now('recorder.disk_free_bytes');
   return [
     bodyTile('target'), bodyTile('base'),
-    healthTile('Health now', 'health.health_now', 'no fault', 'medium'),
-    healthTile('Latched since', 'health.health', 'nothing', 'low'),
+    healthTile('Faults now', 'health.health_now', 'none', 'medium', 'the events below say which'),
+    healthTile('Faults so far', 'health.health', 'none', 'low', 'kept until a command clears them'),
     tile('Slips', slips ?? '...', `latest wake ${(now('health.max_late_us') ?? 0).toFixed(0)} us`, slips ? 'low' : 'good', 'health'),
     tile('Recording', recording === undefined ? '...' : recording ? 'yes' : 'NO',
       free ? `${(free / 1e9).toFixed(1)} GB free` : '', recording === 0 ? 'medium' : recording ? 'good' : '', 'recorder'),
@@ -117,6 +118,13 @@ function eventLines() {
 const plots = Object.fromEntries(['target', 'base', 'nis', 'residual'].map((name) =>
   [name, new Plot(document.getElementById(`plot-${name}`))]));
 
+function named(k, colour) {
+  const name = document.createElement('span');
+  name.textContent = `joint ${k + 1} `;
+  name.style.color = colour;
+  return name;
+}
+
 function plotBody(body) {
   const at = (field) => new Map(rows.get(`estimate.${body}_${field}`));
   const low = at('mass_kg_low'), high = at('mass_kg_high'), present = at('present');
@@ -137,6 +145,7 @@ function draw() {
   const dof = new Map(rows.get('estimate.nis_dof'));
   plots.nis.series = [{ colour: '#4d9de0', rows: rows.get('estimate.nis').filter(([t]) => dof.get(t)).map(([t, v]) => [t, v / dof.get(t)]) }];
   plots.residual.series = JOINTS.map((key, k) => ({ colour: JOINT_COLOURS[k], rows: rows.get(key).filter(([, v]) => v > 0) }));
+  document.getElementById('legend-residual').replaceChildren(...plots.residual.series.flatMap((one, k) => one.rows.length ? [named(k, one.colour)] : []));
   Object.values(plots).forEach((plot) => plot.draw(Date.now()));
 }
 

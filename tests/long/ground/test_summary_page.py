@@ -93,7 +93,7 @@ def page(tmp_path):
 
 def test_an_operator_sees_the_verdict_the_values_and_commands(page):
     daemon, browser, state = page
-    wait_for("a verdict", lambda: "HEALTHY" in text(browser, "#verdict"))
+    wait_for("a verdict", lambda: text(browser, "#verdict strong") == "VALID")
     wait_for("a mass", lambda: "kg" in text(browser, ".tile"))
     tiles = text(browser, "#tiles")
     assert "±" in text(browser, ".tile")

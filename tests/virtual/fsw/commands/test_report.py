@@ -95,6 +95,28 @@ def test_every_chart_has_units_on_both_axes(reported):
         assert all(len(line["y"]) == len(chart["x"]) for line in chart["lines"]), chart["title"]
 
 
+def test_the_page_says_what_valid_means_and_what_is_known_least(reported):
+    """Of the shares of sigma in the body's own mass, size and inertia, made here again."""
+    out = reported[1]
+    row = rows_of(out, "estimate")[-1]
+    values = [float(row[key]) for key in row if key.startswith("target_")]
+    body, sigma = np.array(values[:10]), np.array(values[10:])
+    moment = body[[4, 7, 9]].mean()
+    scales = [body[0], *[(moment / body[0]) ** 0.5] * 3, *[moment] * 6]
+    share = sigma / scales
+    k = int(share.argmax())
+    assert k > 3
+    axis = ("xx", "xy", "xz", "yy", "yz", "zz")[k - 4]
+    text = out.read_text(encoding="utf-8")
+    words = f"Known least is target inertia {axis}: 1 sigma {sigma[k]:.2g}"
+    assert "Valid means: the data say more than the prior" in text
+    assert f"{words} kg m², {100 * share[k]:.2g} % of the mean moment of inertia." in text
+    shown = text.partition("<script>")[0]
+    assert "±" in shown
+    assert "+-" not in shown.partition("<pre>")[0]
+    assert 'class="fold"><summary>Curves, spectra and histograms of every channel' in shown
+
+
 def test_residuals_of_a_right_model_are_those_of_the_stated_noise(reported):
     rows = rows_of(reported[1], "residuals")
     for name in ("rate.x [rad/s]", "specific_force.z [m/s2]", "torque.joint2 [N m]"):
