@@ -42,7 +42,8 @@ def in_words(windows: int, doubt: float) -> str:
     if doubt == 1.0:
         return ""
     wider = f"{doubt**0.5:.2g} times as wide (Student)"
-    return f"only {windows} windows show the noise of the joints: its sigma counts {wider}"
+    shown = f"only {windows} windows show the noise of the joints"
+    return f"{shown}: its sigma counts {wider}; record longer"
 
 
 def too_few(windows: int, least: int) -> str:

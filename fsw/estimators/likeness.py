@@ -31,6 +31,7 @@ from scipy.special import chdtri
 
 from fsw.estimators.few_windows import student
 from fsw.estimators.measurement.mrnea import Rows
+from fsw.estimators.model.state_groups import in_words as state_in_words
 from fsw.messages import Block, FloatArray
 
 LONGEST = 0.25  # longest lag of the autocovariance, as a share of the recording
@@ -182,8 +183,9 @@ def in_words(white: FloatArray, covariance: FloatArray, names: Sequence[str]) ->
         return ""
     k = int(np.argmax(grown))
     return (
-        "residuals are alike from window to window: sigma is wider by their long-run variance, of "
-        f"{names[k]} {grown[k]:.2g} times"
+        "residuals are alike from window to window and count as fewer: sigma is wider, of "
+        f"{state_in_words(names[k])} {grown[k]:.2g} times; declare what the model lacks, such as "
+        "friction, or leave it"
     )
 
 

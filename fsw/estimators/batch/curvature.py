@@ -8,11 +8,12 @@ the covariance: the truth, which lies near the path, is then within sqrt(D) sigm
 likelihood, Bates, Watts, Nonlinear Regression Analysis (1988), sec. 6.1.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from fsw.estimators.model.state_groups import in_words
 from fsw.messages import FloatArray
 
 # normal n, value of n . x, first iterate -> point of least cost there, its cost (prior included)
@@ -26,8 +27,11 @@ OPEN = 4.0  # least rise of the cost that bounds a side
 BENT = 0.5  # allowed difference of D / t^2 from 1, and squared offset from the axis over t^2
 STIFF = 100.0  # weight of the constraint per sigma
 
-NOTE = "posterior not Gaussian over one sigma along {}; sigma widened by its profile"
-OPEN_NOTE = "not bounded by the data along {}"
+NOTE = (
+    "the error of {} is not that of a Gaussian: sigma is wider by the profile of its likelihood; "
+    "method fused has narrower ones"
+)
+OPEN_NOTE = "the data do not limit {}: record another motion (fsw excite), or take method fused"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -95,9 +99,9 @@ def widen(
             unbounded.append(label)
     notes = []
     if bent:
-        notes.append(NOTE.format(", ".join(bent)))
+        notes.append(NOTE.format(_listed(bent)))
     if unbounded:
-        notes.append(OPEN_NOTE.format(", ".join(unbounded)))
+        notes.append(OPEN_NOTE.format(_listed(unbounded)))
     return Widening(covariance=wide, bounded=not unbounded, note="; ".join(notes))
 
 
@@ -129,3 +133,7 @@ def _side(
             return points, True
         start, before = found, t
     return points, points[-1][2] >= OPEN
+
+
+def _listed(states: Sequence[str]) -> str:
+    return ", ".join(map(in_words, states))

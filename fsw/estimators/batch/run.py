@@ -60,11 +60,10 @@ WARM = ("rda", "ce")  # methods that need a good start: they begin at the linear
 WARM_BLOCKS = 32  # least number, if there are so many, for RDA's start, which need only be near
 WIDENINGS = 6  # rounds: first of bodies, which constrain one another, then of the rest of the model
 SETTLED = ("OK", "INSUFFICIENT_EXCITATION")
-_DISTANCE = "sigma is that of the errors in variables and includes the distance from them"
-BIAS_NOTES = {
-    "ols": f"shrunk by the base acceleration's noise in the regressor; {_DISTANCE}",
-    "wls": f"shrunk by the base acceleration's noise in the regressor; {_DISTANCE}",
-}
+BIASED = (
+    "the bodies are shrunk by the noise of the base's acceleration; sigma includes the distance "
+    "from the result with weighting eiv, which has no such error"
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -374,7 +373,7 @@ def _regression(
         mean=mean,
         residuals=[part.b.copy() for part in linear(mean)],
         covariance=near.covariance + np.outer(bias, bias),
-        note=BIAS_NOTES[weighting],
+        note=BIASED,
         biased=True,
     )
 

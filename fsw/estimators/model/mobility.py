@@ -31,7 +31,10 @@ STRAIGHT = 1.05  # largest ratio of variances at which the covariance in pi is k
 LOPSIDED = 1.25  # ratio of the longer side's sigma to sigma, above which it is published
 IMPOSSIBLE = 0.01  # share of impossible draws above which the mapping is not used
 TORQUE = ("mrnea", "rda", "fused")  # methods whose likelihood may be Gaussian in the mobility
-NOTE = "not Gaussian in the base's parameters; sigma mapped from its mobility"
+NOTE = (
+    "the base is known so weakly that its error is larger to one side; sigma covers both. A motion "
+    "that moves the base more (fsw excite) makes it smaller"
+)
 
 _INDEX = ((0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2))  # xx xy xz yy yz zz
 _SYMMETRIC = ((0, 1, 2), (1, 3, 4), (2, 4, 5))

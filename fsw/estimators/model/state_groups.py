@@ -312,11 +312,16 @@ def group_of(state: str) -> StateGroup | None:
     return BY_NAME.get(state.partition(".")[0])
 
 
+OF_BODIES = {"m": "mass"}
+OF_BODIES |= {f"mc{axis}": f"mass times centre of mass {axis}" for axis in "xyz"}
+OF_BODIES |= {f"I{axes}": f"inertia {axes}" for axes in ("xx", "xy", "xz", "yy", "yz", "zz")}
+
+
 def in_words(state: str) -> str:
-    """Return the quantity of a state, such as `zeros of joints (joint1)`; of a body its name."""
-    group, label = group_of(state), state.partition(".")[2]
+    """Return the quantity of a state, such as `zeros of joints (joint1)` or `mass of target`."""
+    group, (body, _, label) = group_of(state), state.partition(".")
     if group is None:
-        return state
+        return f"{OF_BODIES[label]} of {body}" if label in OF_BODIES else state
     if group.name == "known":  # its labels end in the number of a parameter
         label = label.rpartition(".")[0]
     return f"{group.cause or group.effect} ({label})"

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from fsw.estimators.few_windows import in_words as few
+from fsw.estimators.likeness import in_words as widening
 from fsw.estimators.model.state_groups import in_words
 from tests.support.estimator_cases import make_problem
 
@@ -20,3 +22,21 @@ def test_a_value_far_from_its_prior_is_named_with_size_and_key() -> None:
 def test_a_known_body_is_named_without_the_number_of_its_parameter() -> None:
     assert in_words("known.base.7") == "inertial data of known bodies and links (base)"
     assert in_words("target.mass") == "target.mass"
+
+
+def test_a_state_of_a_body_is_named_by_its_quantity() -> None:
+    problem = make_problem(("target",))
+    words = [in_words(name) for name in problem.names[problem.body("target")]]
+    assert words[0] == "mass of target"
+    assert words[3] == "mass times centre of mass z of target"
+    assert words[5] == "inertia xy of target"
+    assert len(set(words)) == 10
+
+
+def test_wider_sigma_is_told_with_quantity_size_and_cure() -> None:
+    problem = make_problem(("target",))
+    names = problem.names[problem.body("target")]
+    note = widening(np.eye(10), np.diag([1.0] * 9 + [6.25]), names)
+    assert "sigma is wider, of inertia zz of target 2.5 times" in note
+    assert "declare" in note
+    assert "record longer" in few(4, 4.0)
