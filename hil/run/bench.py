@@ -43,6 +43,7 @@ from hil.world.scenario import Scenario, ScenarioError
 from hil.world.sensor_config import SensorConfig
 from hil.world.simulation import simulate_in
 from hil.world.spline import JointSpline
+from hil.world.sudden import Motion, SuddenMotion
 
 T0_NS = 10_000_000_000  # virtual time of power-on
 RECORDING = "recording.mcap"  # of a run in virtual time
@@ -63,7 +64,7 @@ class Setup:
     config: Config
     priors: dict[str, Prior]
     robot: Robot
-    spline: JointSpline
+    spline: Motion
     history: TruthHistory
     bus_ports: Mapping[str, int]  # UDP port of each bus that has one
     exact: Config | None = None  # beside a user's configuration: the bench's own of the same robot
@@ -141,7 +142,9 @@ def prepare(
     if real_time and dialect is not None:
         raise ScenarioError(f"sensors.joints.dialect: {dialect} needs virtual time: add --fast")
     robot = robot_of(scenario)
-    spline = _motion("identification", scenario.identification, robot)
+    spline: Motion = _motion("identification", scenario.identification, robot)
+    if scenario.sudden is not None:
+        spline = SuddenMotion(spline, scenario.sudden)
     _motion("verification", scenario.verification, robot)
     if own is None:
         priors = {body: draw_prior(scenario.truth[body], seed, body) for body in scenario.unknown}
@@ -228,7 +231,7 @@ def robot_of(scenario: Scenario) -> Robot:
     )
 
 
-def span_s(scenario: Scenario, spline: JointSpline) -> tuple[float, float]:
+def span_s(scenario: Scenario, spline: Motion) -> tuple[float, float]:
     """Return start and end of the truth [s], with the arm's rests if the robot moves in them."""
     before_s, after_s = EDGE_S, EDGE_S
     if not scenario.rests:
@@ -236,7 +239,7 @@ def span_s(scenario: Scenario, spline: JointSpline) -> tuple[float, float]:
     return -before_s, spline.duration_s + after_s
 
 
-def _stored(path: Path, scenario: Scenario, robot: Robot, spline: JointSpline) -> TruthHistory:
+def _stored(path: Path, scenario: Scenario, robot: Robot, spline: Motion) -> TruthHistory:
     """Return a stored truth. Raises ScenarioError if it is invalid, short or another scenario's."""
     try:
         history, name = TruthHistory.load(path)
@@ -252,7 +255,7 @@ def _stored(path: Path, scenario: Scenario, robot: Robot, spline: JointSpline) -
 
 
 def truth_of(
-    scenario: Scenario, robot: Robot, spline: JointSpline, dt_s: float = STEP_S
+    scenario: Scenario, robot: Robot, spline: Motion, dt_s: float = STEP_S
 ) -> TruthHistory:
     """Simulate the truth."""
     return simulate_in(

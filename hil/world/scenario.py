@@ -20,6 +20,7 @@ from hil.world.inertia import FloatArray, is_physical
 from hil.world.sensor_config import SensorConfig
 from hil.world.springs import Panel, SloshMass
 from hil.world.stand import Stand
+from hil.world.sudden import Sudden
 from hil.world.thrusters import ThrusterSystem
 from hil.world.wheels import WheelSystem
 from hil.world.words import faults, other_kind, other_text
@@ -52,6 +53,7 @@ class TrajectorySection(_Section):
 
     identification: Path
     verification: Path
+    sudden: Sudden | None = None  # what happens in the identification motion
 
 
 class TimingSection(_Section):
@@ -135,6 +137,7 @@ class Scenario:
     unknown: tuple[str, ...]
     identification: Path
     verification: Path
+    sudden: Sudden | None = None
     before_s: float
     after_s: float
     sensors: dict[str, Any]
@@ -212,6 +215,7 @@ def load(name: str, folder: Path = FOLDER) -> Scenario:
         unknown=tuple(b for b in (*BODY_NAMES, *document.frames) if b in document.unknown),
         identification=_file(path, "trajectories.identification", motions.identification),
         verification=_file(path, "trajectories.verification", motions.verification),
+        sudden=motions.sudden,
         before_s=document.timing.before_s,
         after_s=document.timing.after_s,
         sensors=sensors,
@@ -318,7 +322,8 @@ def changed(scenario: Scenario, settings: Sequence[str]) -> Scenario:
     ----------
     settings : KEY=VALUE each; KEY as `sensors.joints.torque_noise_nm`, VALUE as YAML.
         `timing.before_s` and `timing.after_s` are the times at rest before and after the motion,
-        `trajectories.identification` and `trajectories.verification` the motions
+        `trajectories.identification` and `trajectories.verification` the motions, and
+        `trajectories.sudden`, as `{kind: stop, at_s: 20}`, what happens in the former
 
     Raises
     ------
@@ -331,6 +336,7 @@ def changed(scenario: Scenario, settings: Sequence[str]) -> Scenario:
         "trajectories": {
             "identification": scenario.identification,
             "verification": scenario.verification,
+            "sudden": scenario.sudden,
         },
     }
     for setting in settings:
@@ -342,7 +348,7 @@ def changed(scenario: Scenario, settings: Sequence[str]) -> Scenario:
         if not is_set or not path or path[0] not in sections:
             raise ScenarioError(
                 f"--set {setting}: must be sensors.KEY=VALUE, flight.KEY=VALUE, timing.KEY=VALUE "
-                "or trajectories.KEY=FILE"
+                "or trajectories.KEY=VALUE"
             )
         if not isinstance(place, dict):
             raise ScenarioError(f"--set {setting}: {_no_section(sections, path)}")
@@ -356,7 +362,7 @@ def changed(scenario: Scenario, settings: Sequence[str]) -> Scenario:
         "--set trajectories", TrajectorySection.model_validate, sections.pop("trajectories")
     )
     _check("--set ", sections["sensors"], sections["flight"])
-    return replace(scenario, **sections, **timing.model_dump(), **motions.model_dump())
+    return replace(scenario, **sections, **timing.model_dump(), **dict(motions))
 
 
 def _no_section(sections: Mapping[str, Any], path: Sequence[str]) -> str:

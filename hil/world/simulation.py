@@ -21,8 +21,8 @@ from hil.world.contact import Contact, Fixture
 from hil.world.environment.config import EnvironmentSection
 from hil.world.history import TruthHistory
 from hil.world.robot import Robot
-from hil.world.spline import JointSpline
 from hil.world.stand import Stand
+from hil.world.sudden import Motion
 from hil.world.truth import STILL, simulate
 
 P = ParamSpec("P")
@@ -63,7 +63,7 @@ def kept(make: Callable[P, TruthHistory]) -> Callable[P, TruthHistory]:
 def simulate_in(
     section: EnvironmentSection | None,
     robot: Robot,
-    spline: JointSpline,
+    spline: Motion,
     start_s: float,
     end_s: float,
     dt_s: float = 0.004,

@@ -16,9 +16,9 @@ from scipy.linalg.lapack import dposv
 
 from hil.world.history import Field, TruthHistory, TruthState
 from hil.world.robot import BASE_NQ, BASE_NV, Body, Robot, load_bodies
-from hil.world.spline import JointSpline
 from hil.world.springs import Springs
 from hil.world.stand import Stand
+from hil.world.sudden import Motion
 
 __all__ = ["Body", "Robot", "TruthHistory", "TruthState", "load_bodies", "simulate"]
 
@@ -156,7 +156,7 @@ def _quaternion_rate(quat_wxyz: FloatArray, w_B: FloatArray) -> tuple[float, ...
 
 def simulate(
     robot: Robot,
-    spline: JointSpline,
+    spline: Motion,
     start_s: float,
     end_s: float,
     dt_s: float = 0.004,
