@@ -27,7 +27,7 @@ def blocks(count: int) -> Any:
 def test_the_share_is_held_out_and_spread_evenly(share, count, held):
     used, out = split(blocks(count), share)
     assert len(out) == held
-    assert sorted(block.index for block in used + out) == list(range(count))
+    assert sorted(block.index for block in (*used, *out)) == list(range(count))
     gaps = [b.index - a.index for a, b in itertools.pairwise(out)]
     assert max(gaps) - min(gaps) <= 1
 
