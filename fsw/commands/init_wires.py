@@ -155,7 +155,7 @@ class _Proposal:
         return cls(position, torque, next(status, None), frames, model)
 
     def rate_hz(self) -> float:
-        """Return the rate of the positions in the log; 0: there is none."""
+        """Return the rate of the positions in the log; 0 without a log."""
         rates_hz = [
             frame_rate_hz(frames_of(message, self.frames)["t_ns"])
             for message in self.position.messages

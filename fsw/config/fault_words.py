@@ -15,7 +15,7 @@ WORDS = {  # by pydantic's type of fault, whose context supplies the bounds
     "less_than_equal": "must be at most {le:.12g}",
     "finite_number": "must be a finite number",
     "literal_error": "must be {expected}",
-    "string_pattern_mismatch": "must be a name of letters, digits and _ ({pattern})",
+    "string_pattern_mismatch": "must be letters, digits and the signs in {pattern}",
     "lacks_entries": "has {actual_length} entries; must have {whole_length}",
     "too_long": "has {actual_length} entries; must have at most {max_length}",
     "too_short": "has {actual_length} entries; must have at least {min_length}",

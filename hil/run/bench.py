@@ -42,8 +42,8 @@ from hil.world.robot import Robot, body_of
 from hil.world.scenario import Scenario, ScenarioError
 from hil.world.sensor_config import SensorConfig
 from hil.world.simulation import simulate_in
-from hil.world.spline import JointSpline
-from hil.world.sudden import Motion, SuddenMotion
+from hil.world.spline import JointSpline, Motion
+from hil.world.sudden import SuddenMotion
 
 T0_NS = 10_000_000_000  # virtual time of power-on
 RECORDING = "recording.mcap"  # of a run in virtual time

@@ -21,8 +21,8 @@ from hil.world.contact import Contact, Fixture
 from hil.world.environment.config import EnvironmentSection
 from hil.world.history import TruthHistory
 from hil.world.robot import Robot
+from hil.world.spline import Motion
 from hil.world.stand import Stand
-from hil.world.sudden import Motion
 from hil.world.truth import STILL, simulate
 
 P = ParamSpec("P")

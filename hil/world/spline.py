@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import yaml
@@ -13,9 +13,25 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import BSpline
 
 FloatArray = NDArray[np.float64]
+Evaluated = tuple[FloatArray, FloatArray, FloatArray]  # a function's value and two derivatives
 
 DEGREE = 5
 REST_POINTS = 4  # equal control points at either end: zero speed, acceleration and jerk there
+
+
+class Motion(Protocol):
+    """A motion from rest to rest."""
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the motion [s]."""
+
+    def evaluate(self, t_s: ArrayLike) -> Evaluated:
+        """Return positions, velocities, accelerations (..., n) at times [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +84,7 @@ class JointSpline:
         position = BSpline(knots, self.control_points_rad, DEGREE)
         return position, position.derivative(1), position.derivative(2)
 
-    def evaluate(self, t_s: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def evaluate(self, t_s: ArrayLike) -> Evaluated:
         """Return joint positions [rad], velocities [rad/s] and accelerations [rad/s^2].
 
         Parameters

@@ -7,30 +7,16 @@ continuous, as those of a real arm do.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Literal, Protocol
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
+from hil.world.spline import Evaluated, Motion
+
 FloatArray = NDArray[np.float64]
-Motion3 = tuple[FloatArray, FloatArray, FloatArray]  # a function's value and two derivatives
 Positive = Annotated[float, Field(gt=0)]
-
-
-class Motion(Protocol):
-    """A motion from rest to rest."""
-
-    @property
-    def n(self) -> int:
-        """Number of joints."""
-
-    @property
-    def duration_s(self) -> float:
-        """Length of the motion [s]."""
-
-    def evaluate(self, t_s: ArrayLike) -> Motion3:
-        """Return positions, velocities, accelerations (..., n) at times [s]."""
 
 
 class _Kind(BaseModel):
@@ -40,17 +26,17 @@ class _Kind(BaseModel):
         """Return by how much the motion takes longer [s]."""
         return 0.0
 
-    def own_time(self, t_s: FloatArray) -> Motion3:
+    def own_time(self, t_s: FloatArray) -> Evaluated:
         """Return the time in the planned motion and its two derivatives."""
         return t_s, np.ones_like(t_s), np.zeros_like(t_s)
 
-    def added(self, t_s: FloatArray) -> Motion3:
+    def added(self, t_s: FloatArray) -> Evaluated:
         """Return what is added to each joint, in rad or m, and its two derivatives."""
         return np.zeros_like(t_s), np.zeros_like(t_s), np.zeros_like(t_s)
 
 
 class Stop(_Kind):
-    """An emergency stop: brakes hold the arm within `in_s`; later it goes on as suddenly."""
+    """An emergency stop: brakes hold the arm within `in_s`; then the motion continues."""
 
     kind: Literal["stop"] = "stop"
     at_s: Positive
@@ -61,7 +47,7 @@ class Stop(_Kind):
         """Return the time of the stop."""
         return self.for_s + self.in_s
 
-    def own_time(self, t_s: FloatArray) -> Motion3:
+    def own_time(self, t_s: FloatArray) -> Evaluated:
         """Return a time that stands still in between."""
         down = np.clip((t_s - self.at_s) / self.in_s, 0.0, 1.0)
         up = np.clip((t_s - self.at_s - self.in_s - self.for_s) / self.in_s, 0.0, 1.0)
@@ -82,7 +68,7 @@ class Steps(_Kind):
     kind: Literal["steps"] = "steps"
     period_s: Positive = 0.5
 
-    def own_time(self, t_s: FloatArray) -> Motion3:
+    def own_time(self, t_s: FloatArray) -> Evaluated:
         """Return a time that stands still once in each period."""
         rate = 2.0 * np.pi / self.period_s
         return (
@@ -101,17 +87,13 @@ class Chatter(_Kind):
     from_s: Positive = 10.0
     to_s: Positive = 50.0
 
-    def added(self, t_s: FloatArray) -> Motion3:
+    def added(self, t_s: FloatArray) -> Evaluated:
         """Return a sine that rises and falls within 0.2 s."""
         rate = 2.0 * np.pi * self.rate_hz
         up, down = ((t_s - edge) / 0.2 for edge in (self.from_s, self.to_s))
-        envelope = [
-            a - b
-            for a, b in zip(
-                _rise(np.clip(up, 0.0, 1.0)), _rise(np.clip(down, 0.0, 1.0)), strict=True
-            )
-        ]
-        e, e1, e2 = envelope[0], envelope[1] / 0.2, envelope[2] / 0.04
+        rise, fall = (_rise(np.clip(part, 0.0, 1.0)) for part in (up, down))
+        e, e1, e2 = (a - b for a, b in zip(rise, fall, strict=True))
+        e1, e2 = e1 / 0.2, e2 / 0.2**2
         s, c = self.size_rad * np.sin(rate * t_s), self.size_rad * rate * np.cos(rate * t_s)
         return e * s, e1 * s + e * c, e2 * s + 2.0 * e1 * c - e * rate**2 * s
 
@@ -124,7 +106,7 @@ class SuddenMotion:
     """A planned motion with something sudden in it."""
 
     planned: Motion
-    sudden: Stop | Steps | Chatter
+    sudden: Sudden
 
     @property
     def n(self) -> int:
@@ -136,7 +118,7 @@ class SuddenMotion:
         """Length of the motion [s]."""
         return self.planned.duration_s + self.sudden.longer_s()
 
-    def evaluate(self, t_s: ArrayLike) -> Motion3:
+    def evaluate(self, t_s: ArrayLike) -> Evaluated:
         """Return positions, velocities, accelerations (..., n) at times [s]."""
         t = np.asarray(t_s, np.float64)
         s, s1, s2 = (part[..., None] for part in self.sudden.own_time(t))
@@ -145,7 +127,7 @@ class SuddenMotion:
         return q + more, qd * s1 + more1, qdd * s1**2 + qd * s2 + more2
 
 
-def _rise(u: FloatArray) -> Motion3:
+def _rise(u: FloatArray) -> Evaluated:
     """Return a smooth rise from 0 to 1 over u in [0, 1], and its two derivatives."""
     return (
         u**3 * (10.0 - 15.0 * u + 6.0 * u**2),
@@ -154,7 +136,7 @@ def _rise(u: FloatArray) -> Motion3:
     )
 
 
-def _step(u: FloatArray) -> Motion3:
+def _step(u: FloatArray) -> Evaluated:
     """Return the integral of `_rise`, the rise and its derivative."""
     rise, slope, _ = _rise(u)
     return u**4 * (2.5 - 3.0 * u + u**2), rise, slope

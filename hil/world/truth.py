@@ -16,9 +16,9 @@ from scipy.linalg.lapack import dposv
 
 from hil.world.history import Field, TruthHistory, TruthState
 from hil.world.robot import BASE_NQ, BASE_NV, Body, Robot, load_bodies
+from hil.world.spline import Motion
 from hil.world.springs import Springs
 from hil.world.stand import Stand
-from hil.world.sudden import Motion
 
 __all__ = ["Body", "Robot", "TruthHistory", "TruthState", "load_bodies", "simulate"]
 

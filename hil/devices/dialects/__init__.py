@@ -64,7 +64,7 @@ def dialect_of(name: str) -> Dialect:
 
     Raises
     ------
-    ValueError if there is none.
+    ValueError if no module has this name.
     """
     known = [module.name for module in iter_modules(__path__)]
     if name not in known:

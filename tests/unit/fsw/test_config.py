@@ -63,7 +63,7 @@ SPOILED = [
     ("joints", [], ("joints", "missing", "reaction wheels")),
     ("buses.0.rate_hz", 300.0, ("buses.0.rate_hz", "300", "divide scheduler.tick_rate_hz 500")),
     ("buses.0.rate_hz", 1000.0, ("buses.0.rate_hz", "1000", "divide scheduler.tick_rate_hz 500")),
-    ("buses.0.name", "a/b", ("buses.0.name", "a/b", "letters, digits and _")),
+    ("buses.0.name", "a/b", ("buses.0.name", "a/b", "letters, digits and the signs in")),
     ("buses.0.sync_counter_max", 241, ("buses.0.sync_counter_max", "241", "240")),
     ("buses.0.sync", "both", ("buses.0.sync", "both", "'producer', 'consumer' or 'none'")),
     ("imu.rate_hz", "fast", ("imu.rate_hz", "fast", "number")),
@@ -84,7 +84,7 @@ SPOILED = [
     ("scheduler.realtime_priority", 100, ("realtime_priority", "100", "at most 99")),
     ("unknown", [], ("unknown", "0 entries", "at least 1")),
     ("unknown", ["arm"], ("bodies.arm", "missing")),
-    ("unknown", ["An Arm"], ("unknown.0", "An Arm", "letters, digits and _")),
+    ("unknown", ["An Arm"], ("unknown.0", "An Arm", "letters, digits and the signs in")),
     ("bodies.target.frame", "gripper", ("bodies.target.frame", "left out")),
     (
         "bodies.box",
