@@ -52,9 +52,9 @@ class SyncProducer:
         return self._t0_ns + round((self._sent + 1) * self._period_ns)
 
     def payload(self) -> bytes:
-        """Return the counter byte of the next SYNC, and count this SYNC as sent."""
+        """Return the data of the next SYNC, a counter if it has one; count this SYNC as sent."""
         self._sent += 1
-        return bytes([(self._sent - 1) % self._max + 1])
+        return bytes([(self._sent - 1) % self._max + 1]) if self._max else b""
 
 
 class CanSegment:

@@ -83,6 +83,7 @@ class Feed:
         if config.clock != "monotonic":
             self.clock_error_ppm = float(rng.uniform(-1.0, 1.0)) * config.clock_error_ppm
         self._config, self._measure, self._rng, self._t0_ns = config, measure, rng, t0_ns
+        self._order = list(config.order) or slice(None)
         self._period_ns = 1e9 / config.rate_hz * (1.0 + 1e-6 * self.clock_error_ppm)
         self._first_ns = t0_ns + round(float(rng.uniform(0.0, 1.0)) * self._period_ns)
         self._key = None if config.key_hex is None else bytes.fromhex(config.key_hex)
@@ -117,7 +118,8 @@ class Feed:
         numbers = np.arange(self._next, self._next + BATCH)
         self._next += BATCH
         valid_ns = self._first_ns + np.rint(numbers * self._period_ns).astype(np.int64)
-        values = np.concatenate(self._measure(valid_ns), axis=1).tolist()
+        parts = [part[:, self._order] for part in self._measure(valid_ns)]
+        values = np.concatenate(parts, axis=1).tolist()
         delays = config.delay_s + self._rng.exponential(config.jitter_s, BATCH)
         is_lost = self._rng.random(BATCH) < config.loss_ratio
         make = packed if config.encoding == "packed" else as_json

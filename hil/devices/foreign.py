@@ -1,12 +1,13 @@
-"""One bus of drives that speak a dialect: when they measure, and when their frames end."""
+"""One bus of drives of other makers: when they measure, and when their frames end."""
 
 import heapq
+import math
 from collections.abc import Mapping
 from typing import Protocol
 
 from hil.devices.can_segment import TimedFrame, duration_ns
 from hil.devices.canopen import SYNC_ID, JointNode
-from hil.devices.dialects import EXTENDED, Dialect, Frame, Measured
+from hil.devices.dialects import EXTENDED, Drive, Frame, Measured
 from hil.world.sensors import generator
 
 CLOCK_PPM = 50.0  # 1 sigma of the errors of clocks and timers
@@ -24,12 +25,12 @@ class Measure(Protocol):
 
 
 class ForeignSegment:
-    """Drives of a dialect. Frames wait until the line is free."""
+    """Drives of other makers. Frames wait until the line is free."""
 
     def __init__(
         self,
         name: str,
-        dialect: Dialect,
+        drives: Mapping[tuple[int, ...], Drive],
         numbers: Mapping[int, int],
         measure: Measure,
         seed: int,
@@ -37,34 +38,49 @@ class ForeignSegment:
         index: int,
         rate_hz: float,
         t0_ns: int,
+        sync_bytes: int = 0,
     ) -> None:
-        """`numbers`: the drive's number of each joint."""
-        self.name, self.dialect = name, dialect
+        """`drives` by their joints; `numbers`: of the drive of each joint; of SYNC its length."""
+        self.name = name
         self.nodes: dict[int, JointNode] = {}  # none of the tailored ones
+        self.is_free = any(drive.trigger != "sync" for drive in drives.values())
+        self._drives = {joints[0]: (joints, drive) for joints, drive in drives.items()}
         self._numbers, self._measure, self._t0_ns = numbers, measure, t0_ns
+        self._sync_bytes = sync_bytes
         self._rng = generator(seed, "cyclic", index)
-        self._rates = {joint: 1.0 + CLOCK_PPM * 1e-6 * self._rng.normal() for joint in numbers}
+        rates = {joint: 1.0 + CLOCK_PPM * 1e-6 * self._rng.normal() for joint in numbers}
+        self._rates = rates
         period_ns, first = 1e9 / rate_hz, next(iter(numbers))
+        by = {joint: drive.trigger for joint, (_, drive) in self._drives.items()}
         self._periods_ns = {
-            joint: period_ns * self._rates[first if dialect.trigger == "command" else joint]
-            for joint in numbers
+            joint: period_ns * rates[first if trigger == "command" else joint]
+            for joint, trigger in by.items()
         }
-        self._due: list[tuple[float, int]] = []
-        if dialect.trigger == "timer":
-            self._due = [(t0_ns + self._rng.random() * period_ns, joint) for joint in numbers]
-        elif dialect.trigger == "command":
-            self._due = [(t0_ns + k * TURN_NS, joint) for k, joint in enumerate(numbers)]
+        self._due = [  # time, first joint of the drive
+            (t0_ns + self._rng.random() * period_ns, joint)
+            for joint, trigger in by.items()
+            if trigger == "timer"
+        ]
+        asked = [joint for joint, trigger in by.items() if trigger == "command"]
+        self._due += [(t0_ns + k * TURN_NS, joint) for k, joint in enumerate(asked)]
         heapq.heapify(self._due)
         self._waiting: list[tuple[float, int, Frame, int]] = []  # ready, word, joint commanded
         self._free_ns = float(t0_ns)
 
+    def next_ns(self) -> float:
+        """Return when the next drive measures or the next frame begins [ns]; infinite: never."""
+        begins = max(self._waiting[0][0], self._free_ns) if self._waiting else math.inf
+        return min(begins, self._due[0][0] if self._due else math.inf)
+
     def on_frame(self, t_ns: int, can_id: int, data: bytes, line: int = 0) -> list[TimedFrame]:  # noqa: ARG002
-        """Accept a frame of the host: a SYNC without data; return what was sent before it."""
+        """Accept a frame of the host, which may be a SYNC; return what was sent before it."""
         sent = self.frames_until(t_ns)
-        if self.dialect.trigger == "sync" and can_id == SYNC_ID and not data:
-            self._free_ns = max(self._free_ns, t_ns + duration_ns(0, False, 4.0))
-            for joint in self._numbers:
-                self._send(joint, t_ns, self._free_ns)
+        if can_id == SYNC_ID and len(data) == self._sync_bytes:
+            self._free_ns = max(self._free_ns, t_ns + duration_ns(len(data), False, 4.0))
+            for joint, (_, drive) in self._drives.items():
+                if drive.trigger == "sync":
+                    at_ns = t_ns + drive.latch_ns
+                    self._send(joint, at_ns, self._free_ns, data[0] if data else 0)
         return sent
 
     def frames_until(self, t_ns: int, line: int = 0) -> list[TimedFrame]:  # noqa: ARG002
@@ -72,10 +88,11 @@ class ForeignSegment:
         while self._due and self._due[0][0] <= t_ns:
             at_ns, joint = self._due[0]
             heapq.heapreplace(self._due, (at_ns + self._periods_ns[joint], joint))
-            if self.dialect.command is None:
+            asks = self._drives[joint][1].command
+            if asks is None:
                 self._send(joint, at_ns, at_ns)
             else:
-                command = self.dialect.command(self._numbers[joint])
+                command = asks(self._numbers[joint])
                 self._wait(at_ns + LATE_NS * self._rng.exponential(), command, joint)
         sent: list[TimedFrame] = []
         while self._waiting and max(self._waiting[0][0], self._free_ns) <= t_ns:
@@ -89,11 +106,12 @@ class ForeignSegment:
                 self._send(joint, self._free_ns, self._free_ns)
         return sent
 
-    def _send(self, joint: int, at_ns: float, from_ns: float) -> None:
-        """Measure a joint; its frames are ready some time after `from_ns`."""
+    def _send(self, joint: int, at_ns: float, from_ns: float, counter: int = 0) -> None:
+        """Measure the joints of a drive; its frames are ready some time after `from_ns`."""
         clock_us = round((at_ns - self._t0_ns) * 1e-3 / self._rates[joint])
-        measured = Measured(*self._measure(joint, at_ns), clock_us)
-        for frame in self.dialect.encode(self._numbers[joint], measured):
+        joints, drive = self._drives[joint]
+        own = [Measured(*self._measure(k, at_ns), clock_us, counter) for k in joints]
+        for frame in drive.encode(self._numbers[joint], *own):
             self._wait(from_ns + frame.after_ns, frame, -1)
 
     def _wait(self, ready_ns: float, frame: Frame, joint: int) -> None:

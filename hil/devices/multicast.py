@@ -19,6 +19,7 @@ from can.interfaces.udp_multicast.utils import pack_message
 
 from hil.devices.can_segment import TimedFrame
 from hil.devices.datagrams import Datagrams
+from hil.devices.dialects import EXTENDED
 from hil.devices.heard import HeardFrame, is_heard
 from hil.devices.plant_file import BusLink
 
@@ -47,9 +48,9 @@ FILTER = (  # code, jump if true, jump if false, operand; short datagrams are di
 def _around(can_id: int, length: int, is_fd: bool) -> tuple[bytes, bytes]:
     """Return the bytes before and after the data in a datagram of python-can."""
     message = can.Message(
-        arbitration_id=can_id,
+        arbitration_id=can_id & ~EXTENDED,
         data=bytes(length),
-        is_extended_id=False,
+        is_extended_id=bool(can_id & EXTENDED),
         is_fd=is_fd,
         bitrate_switch=is_fd,
     )

@@ -4,7 +4,8 @@
 `hil.links.virtual`) and real time (`python -m hil.devices PLANT.yaml`).
 """
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,8 @@ from numpy.typing import NDArray
 from hil.devices.bus_toggle import BusToggle
 from hil.devices.can_segment import CanSegment, SyncProducer, TimedFrame
 from hil.devices.canopen import SYNC_ID, FieldScale, JointNode, Reading
-from hil.devices.dialects import dialect_of
+from hil.devices.described import drives_of
+from hil.devices.dialects import Drive, dialect_of
 from hil.devices.feed import Feed
 from hil.devices.foreign import ForeignSegment
 from hil.devices.imu import Imu
@@ -123,9 +125,20 @@ class Plant:
             if node.bus == name
         }
         nodes |= self._others.get(name, {})
-        if joints.dialect is not None:
-            numbers = {i: own.node_id for i, own in enumerate(self.nodes) if own.bus == name}
-            return self._foreign(name, joints.dialect, numbers, index, seed, t0_ns)
+        own = {i: node for i, node in enumerate(self.nodes) if node.bus == name}
+        drives = self._drives(own)
+        if drives:
+            return ForeignSegment(
+                name,
+                drives,
+                {i: node.node_id for i, node in own.items()},
+                self._measure,
+                seed,
+                index=index,
+                rate_hz=self._rate_hz,
+                t0_ns=t0_ns,
+                sync_bytes=int(joints.dialect is None and joints.sync_counter_max > 0),
+            )
         return CanSegment(
             name,
             nodes,
@@ -136,36 +149,26 @@ class Plant:
             t0_ns=t0_ns,
         )
 
-    def _foreign(
-        self, name: str, dialect: str, numbers: dict[int, int], index: int, seed: int, t0_ns: int
-    ) -> ForeignSegment:
-        own = dialect_of(dialect)
-        if own.trigger != "sync":  # the truth begins with the drives
-            self.clock.start(t0_ns)
-        return ForeignSegment(
-            name,
-            own,
-            numbers,
-            self._measure,
-            seed,
-            index=index,
-            rate_hz=self._rate_hz,
-            t0_ns=t0_ns,
-        )
+    def _drives(self, nodes: Mapping[int, NodeConfig]) -> dict[tuple[int, ...], Drive]:
+        """Return the drives of a bus by their joints; none: they speak the tailored format."""
+        joints = self.sensors.joints
+        if joints.dialect is not None:
+            own = dialect_of(joints.dialect)
+            return {(i,): own for i in nodes}
+        told = {i: (n.node_id, n.described) for i, n in nodes.items() if n.described is not None}
+        return dict(drives_of(told, joints.latch_offset_s))
 
     def _measure(self, joint: int, t_ns: float) -> tuple[float, float, float]:
         """Return position, speed and torque of one joint at any instant, in its own sign and zero.
 
         A sample uses up the errors of all joints at one latch; they are white.
         """
-        t_s = self.clock.second(round(t_ns)) + self.sensors.joints.latch_offset_s
-        q, qd, tau = self._table.at(np.array([t_s]))
         self.joint_errors.left()
-        position, torque = self.joint_errors.ahead(q, qd, tau)
+        position, torque, speed, _ = self._values(np.array([self.clock.second(round(t_ns))]))
         self.joint_errors.use()
         sign = self._signs[joint]
-        position_rad = sign * (position[0, joint] - self._zeros[joint])
-        return float(position_rad), float(sign * qd[0, joint]), float(sign * torque[0, joint])
+        measured = (position[0, joint], speed[0, joint], torque[0, joint])
+        return tuple(float(sign * value) for value in measured)  # type: ignore[return-value]
 
     def _latch(self, t_ns: int) -> Sequence[Reading]:
         """Measure every joint; buses with the same SYNC instant share the latch."""
@@ -280,8 +283,19 @@ class Plant:
         return measure
 
     def is_foreign(self, bus: str) -> bool:
-        """Return whether the drives of a bus speak a dialect."""
+        """Return whether the drives of a bus are of other makers."""
         return isinstance(self.segments[bus], ForeignSegment)
+
+    @property
+    def is_free(self) -> bool:
+        """Whether joints are measured without a SYNC, so that none begins the truth."""
+        foreign = [own for own in self.segments.values() if isinstance(own, ForeignSegment)]
+        return bool(self.feeds) or any(segment.is_free for segment in foreign)
+
+    def next_frame_ns(self, bus: str) -> float:
+        """Return when a drive of another maker acts next [ns]; infinite without such drives."""
+        segment = self.segments[bus]
+        return segment.next_ns() if isinstance(segment, ForeignSegment) else math.inf
 
     def sync_producer(self, t0_ns: int) -> SyncProducer | None:
         """Return a SYNC producer from `t0_ns`, or None if the host produces SYNC."""

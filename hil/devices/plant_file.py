@@ -129,6 +129,7 @@ class PlantFile:
     contact: Contact | None = None
     start_rate_rad_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
     start_delay_s: float = 4.0
+    rate_hz: float = 500.0  # of the host's SYNC, or of drives that wait for none
     seed: int = 0
     realtime: Realtime = Realtime()
 
@@ -179,6 +180,7 @@ def build(file: PlantFile, folder: Path, t0_ns: int) -> Plant:
         file.seed,
         start_delay_s=file.start_delay_s,
         t0_ns=t0_ns,
+        sync_rate_hz=file.rate_hz,
         thrusters=file.thrusters,
         sliding=robot.is_prismatic,
     )

@@ -3,6 +3,7 @@
 import ctypes
 import gc
 import json
+import math
 import os
 import select
 import signal
@@ -117,6 +118,8 @@ class BusEnd:
     def deadline_ns(self) -> int | None:
         """Return the wake-up time [ns], or None. One wake-up sends all answers to one SYNC."""
         due = [self._queue[-1][0]] if self._queue else []
+        if (next_ns := self._plant.next_frame_ns(self._name)) < math.inf:
+            due.append(round(next_ns))
         if self._producer is not None:
             due.append(self._producer.next_ns())
         return min(due, default=None)
@@ -208,12 +211,13 @@ def serve(
     feeds: list[FeedEnd],
     stopping: Callable[[], bool],
     hang_ups: list[int],
+    heard: list[int],
     stalls: Stalls,
 ) -> None:
     """Answer and transmit until `stopping()`; hang up the first terminal if `hang_ups` is set.
 
-    Serial bytes are discarded until the first SYNC or the first datagram of a feed that is
-    received, because the host does not read before it.
+    Serial bytes are discarded until the first SYNC, the first datagram of a feed that is received,
+    or `heard`, which says so of drives that wait for no SYNC: before, the host does not read.
     """
     by_device: dict[str, PtyEnd | FeedEnd] = {feed.device: feed for feed in feeds}
     by_device |= {pty.device: pty for pty in ptys}
@@ -238,7 +242,7 @@ def serve(
             bus.send_due(now_ns)
         for pty in ptys:
             pty.follow(now_ns)
-        if any(feed.is_received for feed in feeds):
+        if any(feed.is_received for feed in feeds) or (heard and plant.is_free):
             plant.clock.start(now_ns)
         listening = any(bus.sync_seen for bus in buses) or plant.clock.origin_ns is not None
         ready = plant.serial_until(now_ns + AHEAD_NS)
@@ -290,13 +294,15 @@ def run(path: Path) -> int:
         signal.signal(number, lambda signum, _frame: stop.append(signum))
     hang_ups: list[int] = []
     signal.signal(signal.SIGUSR1, lambda signum, _frame: hang_ups.append(signum))
+    heard: list[int] = []
+    signal.signal(signal.SIGUSR2, lambda signum, _frame: heard.append(signum))
     granted = prepare(file.realtime)
     gc.collect()
     gc.freeze()
     gc.disable()
     _say({"ready": True, "pid": os.getpid(), **granted, **{p.device: str(p.path) for p in ptys}})
     try:
-        serve(plant, buses, ptys, feeds, lambda: bool(stop), hang_ups, stalls)
+        serve(plant, buses, ptys, feeds, lambda: bool(stop), hang_ups, heard, stalls)
     finally:
         for bus in buses:
             bus.close()

@@ -53,8 +53,8 @@ class VirtualCan:
     stamp of a frame of the host from its true time. Within `lost_ns` the port raises PortError, as
     if its device were unplugged.
 
-    A frame's stamp is the time of the read. If the plant produces SYNC or its drives speak
-    a dialect, the stamp is the frame's end on the bus, as from a kernel, because
+    A frame's stamp is the time of the read. If the plant produces SYNC or its drives are
+    of other makers, the stamp is the frame's end on the bus, as from a kernel, because
     stamps then give the joints' times.
     """
 
@@ -208,7 +208,7 @@ class VirtualBench:
         self.cans = {name: VirtualCan(plant, self.clock, name) for name in plant.segments}
         self.can = next(iter(self.cans.values()))
         self.redundant = VirtualCan(plant, self.clock, self.can.bus, line=1)
-        if plant.feeds:  # no SYNC starts the truth
+        if plant.is_free:  # no SYNC starts the truth
             plant.clock.start(t0_ns)
         self.serials = {name: VirtualSerial(plant, self.clock, name) for name in plant.lines}
         self.imu = self.serials.get("imu")

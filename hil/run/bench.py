@@ -138,9 +138,6 @@ def prepare(
     """
     if real_time and scenario.faults:
         raise ScenarioError("faults: a scenario's own need virtual time: add --fast")
-    dialect = SensorConfig.from_dict(scenario.sensors).joints.dialect
-    if real_time and dialect is not None:
-        raise ScenarioError(f"sensors.joints.dialect: {dialect} needs virtual time: add --fast")
     robot = robot_of(scenario)
     spline: Motion = _motion("identification", scenario.identification, robot)
     if scenario.sudden is not None:

@@ -8,7 +8,7 @@ from typing import Any
 import yaml
 
 from hil.run.flight_effects import draws, mode_sections, thruster_sections, wheel_sections
-from hil.run.flight_sensors import dialect_bus, imu_section, joint_sections, star_tracker_section
+from hil.run.flight_sensors import foreign_bus, imu_section, joint_sections, star_tracker_section
 from hil.world.base_urdf import replace_base
 from hil.world.environment.config import OrbitSection
 from hil.world.environment.orbit import Orbit
@@ -71,6 +71,8 @@ def flight_document(
     ]
     sliding = {link.joint for link in read_links(scenario.urdf) if link.is_prismatic}
     joints = joint_sections(sensors, flight, joint_names, sliding, begin_rad, stamp_noise_rad)
+    order = () if sensors.joints.feed is None else sensors.joints.feed.order
+    joints = [joints[k] for k in order] or joints
     document: dict[str, Any] = {
         "robot": {"urdf": URDF, "tool_frame": scenario.tool_frame, "links_sigma_ratio": 0.0},
         "bodies": bodies,
@@ -86,7 +88,7 @@ def flight_document(
                 "sync": "producer" if sensors.joints.sync_rate_hz is None else "consumer",
                 "sync_counter_max": sensors.joints.sync_counter_max,
                 "latch_offset_s": sensors.joints.latch_offset_s,
-                **dialect_bus(sensors, name, len(joint_names)),
+                **foreign_bus(sensors, name, len(joint_names)),
             }
             for name, settings in scenario.buses.items()
         ],
@@ -130,7 +132,7 @@ def _feed(
         path = folder / "feed.key"
         path.write_bytes(bytes.fromhex(feed.key_hex))
         path.chmod(0o600)
-        section["key_file"] = path.name
+        section["key_file"] = str(path.absolute())
     return {
         "name": name,
         "interface": "samples",

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from hil.devices.described import is_node_file, steps_of
 from hil.devices.dialects import Dialect, dialect_of
 from hil.devices.imu_wire import wire_of
 from hil.judge.bound import Sensors
@@ -17,6 +18,7 @@ from hil.world.sensor_config import ImuSensorConfig, JointSensorConfig, NodeConf
 from hil.world.sensors import rotation_of
 
 FIRST_NODE_ID = 0x11
+PLAIN = NodeConfig(node_id=FIRST_NODE_ID)
 TORQUE_STEP_NM = {"classic": 1e-2, "fd": 1e-4}  # wire resolution of joint nodes
 POSITION_STEP_RAD = 2 * math.pi / 2**24
 OF_METRES = (("torque", "force"), ("_nms_rad", "_ns_m"), ("_rad", "_m"), ("_nm", "_n"))  # in keys
@@ -76,7 +78,13 @@ def _driver(joints: JointSensorConfig, node: NodeConfig) -> dict[str, Any]:
     """Return the keys of a joint that say how it is read: from the CAN bus, or in a feed."""
     if joints.feed is not None:
         return {"driver": "samples"}
-    dialect = own_dialect(joints)
+    dialect, own = own_dialect(joints), node.described
+    if own is not None:
+        keys: dict[str, Any] = {"driver": "described"}
+        keys |= {"signals": dict(own.signals), "timing": dict(own.timing)}
+        if is_node_file(own):
+            keys |= {"node_id": node.node_id, "description": str(own.description)}
+        return keys
     if dialect is None:
         return {"node_id": node.node_id, "format": node.format}
     return {"driver": "described", **dialect.joint(node.node_id)}
@@ -95,30 +103,52 @@ def own_dialect(joints: JointSensorConfig) -> Dialect | None:
         raise ScenarioError(f"sensors.{error}") from error
 
 
-def dialect_bus(sensors: SensorConfig, bus: str, n: int) -> dict[str, Any]:
-    """Return the keys of a bus whose drives speak a dialect; none: they speak the tailored one."""
+def has_fd(joints: JointSensorConfig, bus: str) -> bool:
+    """Return whether nodes of a bus send frames of CAN FD."""
+    dialect = own_dialect(joints)
+    own = [node for node in joints.nodes if node.bus == bus]
+    described = [node.described for node in own if node.described is not None]
+    return (
+        any(node.format == "fd" for node in own)
+        or any(drive.fd for drive in described)
+        or (dialect is not None and bool(dialect.bus.get("fd")))
+    )
+
+
+def foreign_bus(sensors: SensorConfig, bus: str, n: int) -> dict[str, Any]:
+    """Return the keys of a bus whose drives are of other makers; none: of tailored ones."""
     dialect = own_dialect(sensors.joints)
+    own = [node for node in _nodes(sensors, n) if node.bus == bus]
+    described = [node.described for node in own if node.described is not None]
+    if described:
+        first, used = described[0], {m["name"]: dict(m) for d in described for m in d.messages}
+        keys = {**first.bus, "messages": list(used.values())}
+        if first.description is not None and not is_node_file(first):
+            keys["description"] = str(first.description)
+        return keys
     if dialect is None:
         return {}
-    nodes = [node.node_id for node in _nodes(sensors, n) if node.bus == bus]
+    nodes = [node.node_id for node in own]
     messages = [dict(message) for node in nodes for message in dialect.messages(node)]
     return {**dialect.bus, "messages": messages}
 
 
-def _steps(joints: JointSensorConfig, form: str = "classic") -> tuple[float, float]:
+def _steps(joints: JointSensorConfig, node: NodeConfig) -> tuple[float, float]:
     """Return the resolution of position [rad] and torque [N m] on the wire."""
     dialect = own_dialect(joints)
+    if node.described is not None:
+        return steps_of(node.node_id, node.described)
     if dialect is not None:
         return dialect.position_step_rad, dialect.torque_step_nm
     if joints.feed is not None:
         return 0.0, 0.0
-    return POSITION_STEP_RAD, TORQUE_STEP_NM[form]
+    return POSITION_STEP_RAD, TORQUE_STEP_NM[node.format]
 
 
 def torque_noise_nm(joints: JointSensorConfig, node: NodeConfig, rate_hz: float) -> float:
     """Return 1 sigma of one torque sample [N m], including rounding on the wire."""
     sigma = _sigma(joints.torque_noise, rate_hz, joints.torque_noise_nm)
-    _, step_nm = _steps(joints, node.format)
+    _, step_nm = _steps(joints, node)
     return math.hypot(sigma, step_nm / math.sqrt(12))
 
 
@@ -131,11 +161,12 @@ def position_noise_rad(
     stamp_noise_rad: float = 0.0,
     rate_hz: float = 500.0,
     *,
+    node: NodeConfig = PLAIN,
     is_prismatic: bool = False,
 ) -> float:
     """Return 1 sigma of one position sample: noise, encoder step, wire step, time-stamp noise."""
     encoder = 2 * math.pi / 2**joints.encoder_bits
-    wire, _ = _steps(joints)
+    wire, _ = _steps(joints, node)
     step = math.hypot(encoder, wire) / math.sqrt(12)
     step /= math.tau if is_prismatic else 1.0
     noise = _sigma(joints.position_noise, rate_hz, joints.encoder_noise_rad)
@@ -180,7 +211,7 @@ def _angle(
     return {
         "zero_offset_rad": -node.zero_offset_rad,  # flight: sign x reading - offset
         "position_noise_rad": position_noise_rad(
-            joints, stamp_noise_rad, rate_hz, is_prismatic=is_prismatic
+            joints, stamp_noise_rad, rate_hz, node=node, is_prismatic=is_prismatic
         ),
         "zero_sigma_rad": 0.0,
     }
@@ -311,7 +342,10 @@ def bound_encoders(scenario: Scenario, is_prismatic: Sequence[bool]) -> Encoders
     rate_hz, joints = float(scenario.flight["bus"]["rate_hz"]), sensors.joints
     nodes = _nodes(sensors, len(is_prismatic))
     by_speed = np.array([node.encoder == "speed" for node in nodes])
-    angles = [position_noise_rad(joints, 0.0, rate_hz, is_prismatic=own) for own in is_prismatic]
+    angles = [
+        position_noise_rad(joints, 0.0, rate_hz, node=node, is_prismatic=own)
+        for node, own in zip(nodes, is_prismatic, strict=True)
+    ]
     speeds = [speed_noise_rad_s(joints, is_prismatic=own) for own in is_prismatic]
     return Encoders(
         rate_hz=rate_hz,

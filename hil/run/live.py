@@ -261,6 +261,7 @@ def _watch(
         status = read_status(state)
         if status is not None and first is None:
             first = (int(status["t_ns"]), time.monotonic_ns())
+            plant.send_signal(signal.SIGUSR2)  # the host receives
         if first is None:
             if time.monotonic() - began_s > START_TIMEOUT_S:
                 raise LiveError(f"the daemon wrote no status; {_tail(folder, 'daemon')}")

@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 import yaml
 
-from fsw.config import Config, ImuConfig, JointConfig, StarTrackerConfig
+from fsw.config import BusConfig, Config, ImuConfig, JointConfig, StarTrackerConfig
+from fsw.config.feed import SHARED_CLOCKS
+from fsw.config.keys import read_key
 from hil.run.flight_effects import draws
 from hil.world.doubts import drawn_body, drawn_links, turned
 from hil.world.inertia import FloatArray
@@ -20,6 +22,8 @@ from hil.world.scenario import Scenario, report_from
 from hil.world.sensors import generator
 
 URDF = "world.urdf"  # with the drawn links; the flight side never reads it
+UNIX_S = 1.8e9  # a time of day of the sender of a feed
+FD_RATES = {"bitrate": 1_000_000, "data_bitrate": 5_000_000}  # of the bench's buses
 CALIBRATION, LINKS = 5, 6  # streams of a joint or an inertial unit: its errors, its link's
 
 
@@ -61,12 +65,20 @@ def _known(config: Config, name: str, report: FloatArray, seed: int, index: int)
 
 def _sensors(scenario: Scenario, config: Config, seed: int) -> dict[str, Any]:
     world = scenario.sensors
-    joints, (bus, *_) = {joint.name: joint for joint in config.joints}, config.buses
+    joints = {joint.name: joint for joint in config.joints}
+    buses = {bus.name: bus for bus in config.buses}
+    bus = config.buses[0]
     names = [link.joint for link in read_links(scenario.urdf) if link.axis is not None]
     sensors: dict[str, Any] = {
         "joints": world["joints"]
         | {
-            "nodes": [_node(joints[name], k, seed) for k, name in enumerate(names)],
+            "nodes": [
+                _node(joints[name], k, seed)
+                | {"described": _described(config, buses[joints[name].bus], joints[name])}
+                for k, name in enumerate(names)
+            ],
+            "feed": _feed(config, bus, names, world["joints"].get("feed") or {}),
+            "dialect": None,
             "torque_scale_error_ratio": 0.0,  # each node has its own gain
             "sync_counter_max": bus.sync_counter_max,
             "sync_rate_hz": bus.rate_hz if bus.sync == "consumer" else None,
@@ -94,7 +106,7 @@ def _node(joint: JointConfig, index: int, seed: int) -> dict[str, Any]:
     """Return a node that the joint's section calibrates but for errors of its sigmas."""
     zero, scale = draws(seed, "joint", (2,), index, CALIBRATION).tolist()
     return {
-        "node_id": joint.node_id,
+        "node_id": index + 1 if joint.node_id is None else joint.node_id,
         "bus": joint.bus,
         "format": joint.format,
         "sign": joint.sign,
@@ -104,6 +116,51 @@ def _node(joint: JointConfig, index: int, seed: int) -> dict[str, Any]:
         "torque_gain": (1.0 + joint.torque_scale_sigma_ratio * scale) / joint.torque_gain,
         "torque_offset_nm": joint.torque_offset_nm / joint.torque_gain,
     }
+
+
+def _described(config: Config, bus: BusConfig, joint: JointConfig) -> dict[str, Any] | None:
+    """Return how a described drive speaks, with the keys of the configuration; None: tailored."""
+    if joint.signals is None or joint.timing is None:
+        return None
+    signals = {
+        role: own.model_dump(mode="json", exclude_none=True) for role, own in joint.signals.items()
+    }
+    path = joint.description or bus.description
+    used = {own["message"] for own in signals.values()}
+    keys = {key: getattr(bus, key) for key in ("sync", "listen_only", "fd")}
+    return {
+        "signals": signals,
+        "timing": joint.timing.model_dump(mode="json", exclude_none=True),
+        "description": None if path is None else str(config.resolve(path).absolute()),
+        "messages": [
+            own.model_dump(mode="json", exclude_defaults=True)
+            for own in (bus.messages if joint.description is None else ())
+            if own.name in used
+        ],
+        "bus": keys | (FD_RATES if bus.fd else {}),
+    }
+
+
+def _feed(
+    config: Config, bus: BusConfig, names: list[str], world: dict[str, Any]
+) -> dict[str, Any] | None:
+    """Return the sender of a live feed, as the world has it where the configuration is silent."""
+    if bus.feed is None:
+        return None
+    key = None if bus.feed.key_file is None else read_key(config.resolve(bus.feed.key_file))
+    is_shared = bus.feed.clock in SHARED_CLOCKS
+    return (
+        {"clock_error_ppm": 0.5 * bus.feed.clock_tolerance_ppm}
+        | world
+        | {
+            "rate_hz": bus.rate_hz,
+            "source": bus.feed.source,
+            "clock": bus.feed.clock,
+            "clock_offset_s": UNIX_S if is_shared else world.get("clock_offset_s", 0.0),
+            "key_hex": None if key is None else key.hex(),
+            "order": [names.index(joint.name) for joint in config.joints],
+        }
+    )
 
 
 def _imu(imu: ImuConfig, seed: int) -> dict[str, Any]:

@@ -10,12 +10,14 @@ from fsw.config.text import read_yaml
 from hil.judge.outcome import result_of
 from hil.judge.score import Result
 from hil.run.flight import URDF
-from hil.run.own_devices import described
+from hil.run.own_devices import FD_RATES, described
 from hil.run.own_match import require_match
 from hil.world.base_urdf import replace_base
 from hil.world.inertia import FloatArray
 from hil.world.prior import Prior
 from hil.world.scenario import BODY_NAMES, Scenario, report_from
+
+FEED_LINK = {"interface": "samples", "channel": "127.0.0.1"}
 
 
 class _Inertial(Protocol):
@@ -81,14 +83,20 @@ def own_document(
         urdf = folder / URDF
         urdf.write_text(text, encoding="utf-8")
     document["robot"]["urdf"] = str(urdf)
-    for bus in document["buses"]:
+    for bus, told in zip(document["buses"], config.buses, strict=True):
         link = scenario.buses[bus["name"]]
         for key in ("bitrate", "data_bitrate"):
             bus.pop(key, None)
-        bus |= {key: link[key] for key in ("interface", "channel")}
+        bus.update(FD_RATES if told.fd else {})
+        bus.update({key: link[key] for key in ("interface", "channel")})
         bus["port"] = bus_ports.get(bus["name"])
+        bus.update(FEED_LINK if told.feed is not None else {})
+        own_file(bus, "description", config)
+        own_file(bus.get("feed") or {}, "key_file", config)
         if bus.get("redundant") is not None:
             bus["redundant"] |= {key: link["redundant"].get(key) for key in ("channel", "port")}
+    for joint in document["joints"]:
+        own_file(joint, "description", config)
     for device in ("imu", "star_tracker"):
         if device in scenario.sensors:
             document[device]["port"] = str(folder.absolute() / device)
@@ -99,9 +107,14 @@ def own_document(
         document["excitation"]["limits"] = str(config.resolve(config.excitation.limits).absolute())
     if config.telemetry is not None and config.telemetry.sdls is not None:
         for key in document["telemetry"]["sdls"]["keys"]:
-            if key.get("file") is not None:
-                key["file"] = str(config.resolve(Path(key["file"])).absolute())
+            own_file(key, "file", config)
     return dict(document)
+
+
+def own_file(section: dict[str, Any], key: str, config: Config) -> None:
+    """Make the path of a section absolute, where there is one."""
+    if section.get(key) is not None:
+        section[key] = str(config.resolve(Path(section[key])).absolute())
 
 
 def exact_result(exact: Config | None, recording: Path, unknown: Sequence[str]) -> Result | None:

@@ -3,6 +3,9 @@
 import numpy as np
 
 from fsw.config import Config
+from fsw.config.thrusters import ThrusterConfig
+from fsw.config.wheels import WheelConfig
+from hil.devices.described import TRIGGERS
 from hil.world.robot import Link, read_links
 from hil.world.scenario import Scenario, ScenarioError
 
@@ -93,9 +96,32 @@ def _devices(scenario: Scenario, config: Config) -> str:
     return ""
 
 
+def _others(config: Config) -> list[WheelConfig | ThrusterConfig]:
+    return [*config.wheels, *config.thrusters]
+
+
+def _wires(config: Config) -> str:
+    """Return what the bench has not: several feeds, feeds beside CAN, several kinds on a bus."""
+    drivers = {joint.driver for joint in config.joints}
+    if "samples" in drivers and (len(config.buses) > 1 or len(drivers) > 1):
+        return "joints: on a feed, and buses beside it; the bench has one feed and no CAN then"
+    if "samples" in drivers and config.buses[0].feed is None:
+        return "buses.0.feed: missing; the bench flies no samples of a recording"
+    described = {joint.bus for joint in config.joints if joint.driver == "described"}
+    for other in _others(config):
+        if other.bus in described:
+            return f"{other.name}: on bus {other.bus!r} of described joints; give it its own bus"
+    for joint in config.joints:
+        if joint.timing is not None and joint.timing.by not in TRIGGERS:
+            return f"{joint.name}: timing by {joint.timing.by}; the bench has no such drive"
+    return ""
+
+
 def _buses(scenario: Scenario, config: Config) -> str:
-    used = {node.bus for node in config.can_nodes}
+    used = {joint.bus for joint in config.joints} | {other.bus for other in _others(config)}
     first = config.buses[0]
+    if fault := _wires(config):
+        return fault
     for k, bus in enumerate(config.buses):
         if bus.name not in used:
             return f"buses.{k}.name: {bus.name!r} has no node"

@@ -6,6 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from hil.run.flight_sensors import has_fd
 from hil.world.scenario import Scenario, mapping_from
 from hil.world.sensor_config import SensorConfig
 
@@ -22,7 +23,7 @@ def plant_document(
                 "interface": bus["interface"],
                 "channel": bus["channel"],
                 "port": bus_ports.get(name),
-                "fd": any(k.format == "fd" for k in sensors.joints.nodes if k.bus == name),
+                "fd": has_fd(sensors.joints, name),
                 "redundant": _second_link(bus),
             }
             for name, bus in scenario.buses.items()
@@ -54,6 +55,7 @@ def plant_document(
         "contact": None if scenario.contact is None else asdict(scenario.contact),
         "start_rate_rad_s": list(scenario.start_rate_rad_s),
         "start_delay_s": scenario.before_s,
+        "rate_hz": float(scenario.flight["bus"]["rate_hz"]),
         "seed": seed,
         "realtime": {"priority": 40},
     }

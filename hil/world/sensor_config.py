@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import ConfigDict, TypeAdapter, model_validator
@@ -35,6 +36,23 @@ def _is_angle(value: object) -> bool:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class DescribedConfig:
+    """How a joint's drive speaks that a description gives; keys are those of a configuration."""
+
+    __pydantic_config__ = STRICT
+    signals: Mapping[str, Mapping[str, Any]]  # by role: message, signal, unit
+    timing: Mapping[str, Any]
+    description: Path | None = None  # DBC and its kin; EDS or DCF of the node
+    messages: tuple[Mapping[str, Any], ...] = ()
+    bus: Mapping[str, Any] = field(default_factory=dict)  # keys of its bus, such as sync
+
+    @property
+    def fd(self) -> bool:
+        """Whether its frames are those of CAN FD."""
+        return bool(self.bus.get("fd", False))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class NodeConfig:
     """One joint node and how its raw values relate to the URDF's joint.
 
@@ -54,6 +72,7 @@ class NodeConfig:
     torque_gain: float = 1.0
     torque_offset_nm: float = 0.0
     encoder: Literal["position", "speed"] = "position"
+    described: DescribedConfig | None = None  # null: it speaks the tailored format, or a dialect
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,6 +102,7 @@ class FeedConfig:
     jitter_s: float = 5.0e-5  # mean of what is added to it, exponential
     loss_ratio: float = 0.0  # share of datagrams that never arrive
     key_hex: str | None = None  # 32 bytes
+    order: tuple[int, ...] = ()  # joints in the order in which they are sent; empty: base to tool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,8 +9,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from pkgutil import iter_modules
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, Protocol
 
+Trigger = Literal["timer", "sync", "command"]
 EXTENDED = 1 << 31  # of an identifier of 29 bits
 
 
@@ -21,6 +22,7 @@ class Measured(NamedTuple):
     speed_rad_s: float
     torque_nm: float
     clock_us: int  # of the drive, at that instant
+    counter: int = 0  # of the SYNC that it answers
 
 
 class Frame(NamedTuple):
@@ -32,16 +34,33 @@ class Frame(NamedTuple):
     is_fd: bool = False
 
 
+class Drive(Protocol):
+    """A device with one or more joints; a number tells devices of one kind apart."""
+
+    @property
+    def trigger(self) -> Trigger:
+        """What makes it measure and send: its own timer, SYNC, or a command of another master."""
+
+    @property
+    def encode(self) -> Callable[..., Sequence[Frame]]:
+        """Makes the frames of one measurement: number, and what each of its joints measures."""
+
+    @property
+    def command(self) -> Callable[[int], Frame] | None:
+        """Makes the frame by which the other master asks it; for trigger `command`."""
+
+    @property
+    def latch_ns(self) -> float:
+        """Time from a SYNC to the measurement; for trigger `sync`."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Dialect:
     """One way in which the drives of a bus speak; `node` numbers a drive.
 
     Parameters
     ----------
-    trigger : what makes a drive measure and send: a timer of its own, SYNC, or a command of another
-        master that runs the bus
-    encode : frames that a drive sends of one measurement
-    command : frame by which the other master asks a drive; for trigger `command`
+    trigger, encode, command, latch_ns : as of any `Drive`
     messages : description of the frames of a drive, for the flight software
     joint : keys of a drive's joint in the flight configuration: signals and timing
     bus : keys of its bus
@@ -49,8 +68,9 @@ class Dialect:
         noise; 0: that of a float
     """
 
-    trigger: Literal["timer", "sync", "command"]
+    trigger: Trigger
     encode: Callable[[int, Measured], Sequence[Frame]]
+    latch_ns: float = 0.0
     command: Callable[[int], Frame] | None = None
     messages: Callable[[int], Sequence[Mapping[str, Any]]]
     joint: Callable[[int], Mapping[str, Any]]

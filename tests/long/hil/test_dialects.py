@@ -37,9 +37,15 @@ def test_the_target_is_found_by_drives_of_a_dialect(tmp_path, dialect):
     assert outcome["nees"] < TOP_999
 
 
-def test_such_drives_need_virtual_time(tmp_path):
-    with pytest.raises(ScenarioError, match="cyclic needs virtual time"):
-        prepared(tmp_path, "cyclic", real_time=True)
+@pytest.mark.parametrize("dialect", ["cia402", "clocked"])
+def test_drives_with_a_time_of_their_own_fly_in_real_time(tmp_path, dialect):
+    setup = prepared(tmp_path, dialect, real_time=True)
+    recorded = bench.run_live(setup, NoMeter())
+    outcome: dict[str, Any] = judgement.judge(setup, judgement.make_case(setup), recorded)
+    assert outcome["valid"], outcome["reason"]
+    assert outcome["nees"] < TOP_999
+    counts = recorded.status["samples"][setup.config.buses[0].name]
+    assert counts["accepted"] > 0.95 * RATE_HZ * setup.total_s * len(setup.config.joints)
 
 
 def test_a_dialect_that_does_not_exist_is_named(tmp_path):
