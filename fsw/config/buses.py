@@ -76,7 +76,8 @@ class BusConfig(Section):
     sync_counter_max: Annotated[int, Field(ge=0, le=240)] = 240
     """the counter runs 1 to this (object 0x1019); 0: SYNC has no data byte"""
     latch_offset_s: Finite = 0.0
-    """time of validity of a joint sample minus the stamp of its SYNC; shorter than a SYNC period"""
+    """time of validity of a joint sample minus the stamp of its SYNC, or of the request that it
+    answers; shorter than a SYNC period"""
     heartbeat_s: Duration | None = None
     """period of the computer's heartbeat (node 0x01) on this bus; null: none is sent"""
     redundant: RedundantBusConfig | None = None

@@ -229,7 +229,7 @@ class JointConfig(Section):
             "position": not self.speed_only,
             "speed": self.speed_only,
             "torque": self.torque != "none",
-            "time": timing.by == "device_time",
+            "time": timing.by in ("device_time", "time"),
             "counter": timing.by == "echoed_counter",
         }
         for role, is_needed in needed.items():

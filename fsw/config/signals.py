@@ -8,6 +8,8 @@ from pydantic import Field, model_validator
 from fsw.config.base import Delay, Duration, Finite, Positive, Section
 
 Name = Annotated[str, Field(min_length=1, max_length=128)]
+Identifier = Annotated[int, Field(ge=0, le=0x1FFFFFFF)]
+BY_SYNC = ("echoed_counter", "last_sync")
 StampSigma = Annotated[float, Field(ge=0, le=0.1, allow_inf_nan=False)]
 # SI units of one unit, by what is measured; spelled without spaces and in lower case
 UNITS: dict[str, dict[str, float]] = {
@@ -150,17 +152,21 @@ class SignalConfig(Section):
 class TimingConfig(Section):
     """How a joint's samples get their time of validity."""
 
-    by: Literal["echoed_counter", "last_sync", "arrival", "device_time"]
-    """what gives a sample its time: the counter of SYNC that it echoes; the last SYNC before its
-    frame; the frame's arrival, by the line under all arrivals; the device's own time in the sample
+    by: Literal["echoed_counter", "last_sync", "request", "arrival", "device_time", "time"]
+    """what gives a sample its time: the counter of SYNC that it echoes; the last SYNC, or `request`
+    of another master, before its frame; the frame's arrival, by the line under all arrivals; the
+    device's own time in the sample; the time of day in the sample, on the clock of TIME (0x100)"""
+    requests: Annotated[tuple[Identifier, ...], Field(max_length=16)] = ()
+    """by `request`: identifiers of the frames that ask the device; those above 0x7FF have 29 bits
     """
     sigma_s: StampSigma | None = None
-    """1 sigma of the error of a sample's time; required by `arrival` and `device_time`; times
-    the speed of the joint it adds to `position_noise_rad`; null: 0"""
+    """1 sigma of the error of a sample's time; required by `request`, `arrival`, `device_time` and
+    `time`; times the speed of the joint it adds to `position_noise_rad`; null: 0"""
     delay_s: Delay = 0.0
-    """from validity to the stamp of SYNC, or to sending"""
+    """from validity to the stamp of SYNC or request, or to sending; by `time`: to the time sent"""
     latest_s: Duration | None = None
-    """by `last_sync`: a frame later than this is of no known SYNC; null: 0.9 periods"""
+    """by `last_sync` and `request`: a frame later than this answers none that is known; by `time`:
+    an older sample is rejected; null: 0.9 periods, by `time` 1 s"""
     spread_s: Duration | None = None
     """longest time between the frames of one sample; null: half a period"""
     clock_tolerance_ppm: float = Field(default=500.0, gt=0, le=50_000.0)
@@ -168,6 +174,9 @@ class TimingConfig(Section):
 
     @model_validator(mode="after")
     def _needed(self) -> Self:
-        if self.by in ("arrival", "device_time") and self.sigma_s is None:
+        if bool(self.requests) != (self.by == "request"):
+            words = "missing" if self.by == "request" else "must be left out"
+            raise ValueError(f"requests: {words} with timing by {self.by}")
+        if self.by not in BY_SYNC and self.sigma_s is None:
             raise ValueError(f"sigma_s: missing; timing by {self.by} needs it")
         return self

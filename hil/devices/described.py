@@ -21,6 +21,7 @@ from hil.devices.dialects import EXTENDED, Frame, Measured, Trigger
 from hil.world.sensor_config import DescribedConfig
 
 RESPONSE_NS = 60_000.0  # from SYNC to the first frame ready
+REPLY_NS = 180_000.0  # from a request to the first frame ready
 GAP_NS = 40_000.0  # between two frames of a drive
 FIRST_OBJECT, MOST_STANDARD = 0x0008, 0x7FF  # index, identifier
 ROLES = ("position", "speed", "torque", "time", "counter", "status")
@@ -28,6 +29,7 @@ COARSE_RAD = 1e-5  # rounding of a slow joint to such a step is no white noise
 TRIGGERS: dict[str, Trigger] = {
     "last_sync": "sync",
     "echoed_counter": "sync",
+    "request": "command",
     "arrival": "timer",
     "device_time": "timer",
 }
@@ -90,7 +92,7 @@ class DescribedDrive:
     trigger: Trigger
     encode: Callable[..., list[Frame]]  # number of the node, and what each joint measures
     latch_ns: float
-    command: None = None
+    command: Callable[[int], Frame] | None = None
 
 
 def drives_of(
@@ -135,7 +137,8 @@ def _drive_of(
     _, first = nodes[0]
     delay_ns = 1e9 * float(first.timing.get("delay_s", 0.0))
     trigger = TRIGGERS[first.timing["by"]]
-    after_ns = RESPONSE_NS if trigger == "sync" else delay_ns
+    after_ns = {"sync": RESPONSE_NS, "command": REPLY_NS, "timer": delay_ns}[trigger]
+    asked = [int(word) for word in first.timing.get("requests", ())][:1]
 
     def encode(_node: int, *measured: Measured) -> list[Frame]:
         frames = []
@@ -146,8 +149,15 @@ def _drive_of(
             frames.append(Frame(after_ns + k * GAP_NS, word, data, is_fd=first.fd))
         return frames
 
-    latch_ns = latch_offset_s * 1e9 - delay_ns if trigger == "sync" else 0.0
-    return DescribedDrive(trigger=trigger, encode=encode, latch_ns=latch_ns)
+    def ask(_node: int) -> Frame:
+        return Frame(0.0, asked[0] | EXTENDED * (asked[0] > MOST_STANDARD), bytes(8))
+
+    return DescribedDrive(
+        trigger=trigger,
+        encode=encode,
+        latch_ns=0.0 if trigger == "timer" else latch_offset_s * 1e9 - delay_ns,
+        command=ask if trigger == "command" else None,
+    )
 
 
 def word_of(message: Message) -> int:

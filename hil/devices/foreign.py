@@ -103,7 +103,8 @@ class ForeignSegment:
             self._free_ns += EXTENDED_NS * bool(frame.word & EXTENDED)
             sent.append((round(self._free_ns), frame.word, frame.data, frame.is_fd))
             if joint >= 0:
-                self._send(joint, self._free_ns, self._free_ns)
+                at_ns = self._free_ns + self._drives[joint][1].latch_ns
+                self._send(joint, at_ns, self._free_ns)
         return sent
 
     def _send(self, joint: int, at_ns: float, from_ns: float, counter: int = 0) -> None:

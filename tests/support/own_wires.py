@@ -148,6 +148,27 @@ def _keys(_folder: Path, joints: list[dict[str, Any]]) -> dict[str, Any]:
     return {"sync": "none", "listen_only": True, "fd": True, "messages": messages}
 
 
+def _asked(_folder: Path, joints: list[dict[str, Any]]) -> dict[str, Any]:
+    """Describe motors that answer another master, in fields of 24, 12 and 20 bits."""
+    messages = []
+    for k, joint in enumerate(joints):
+        fields = [
+            {"name": "q", "start": 7, "bits": 24, "order": "big", "range": [-4.0, 4.0]},
+            {"name": "qd", "start": 31, "bits": 12, "order": "big", "range": [-8.0, 8.0]},
+            {"name": "tau", "start": 35, "bits": 20, "order": "big", "range": [-60.0, 60.0]},
+        ]
+        message = {"name": f"motor{k}", "id": 0x100 + k, "length": 7, "signals": fields}
+        messages.append(message)
+        joint |= {
+            "signals": {
+                "position": {"message": f"motor{k}", "signal": "q", "unit": "rad"},
+                "torque": {"message": f"motor{k}", "signal": "tau", "unit": "N m"},
+            },
+            "timing": {"by": "request", "requests": [0x1F00 + k], "sigma_s": 5.0e-6},
+        }
+    return {"sync": "none", "listen_only": True, "latch_offset_s": 4e-5, "messages": messages}
+
+
 def _eds(folder: Path, joints: list[dict[str, Any]]) -> dict[str, Any]:
     """Describe CiA 402 nodes, whose PDO is of transmission type 1, in an EDS file."""
     (folder / "drive.eds").write_text(EDS, encoding="utf-8")
@@ -180,6 +201,7 @@ def _feed(folder: Path, joints: list[dict[str, Any]]) -> dict[str, Any]:
 WIRES: dict[str, Callable[[Path, list[dict[str, Any]]], dict[str, Any]]] = {
     "dbc": _dbc,
     "keys": _keys,
+    "asked": _asked,
     "eds": _eds,
     "feed": _feed,
 }

@@ -84,7 +84,7 @@ def layouts_of(config: Config, bus: BusConfig) -> dict[int, JointLayout]:
         try:
             found[i] = _layout_of(joint, own)
         except ConfigError as error:
-            lines += [f"joints.{i}.signals.{line}" for line in str(error).splitlines()]
+            lines += [f"joints.{i}.{line}" for line in str(error).splitlines()]
     if lines:
         raise ConfigError("\n".join(lines))
     return found
@@ -176,8 +176,8 @@ def _layout_of(joint: JointConfig, messages: Mapping[str, Message]) -> JointLayo
             uses.append(_use(joint, name, role, own, messages))
         except ConfigError as error:
             lines.append(f"{name}.{error}")
-    if not lines:
-        lines += _status_faults(uses)
+    lines = [f"signals.{line}" for line in lines or _status_faults(uses)]
+    lines += _time_faults(joint, uses)
     if lines:
         raise ConfigError("\n".join(lines))
     return JointLayout(uses=tuple(uses))
@@ -247,6 +247,16 @@ def _status_faults(uses: list[Use]) -> Iterator[str]:
     for use in uses:
         if use.role == STATUS and use.message.word not in others:
             yield f"status.message: {use.message.name!r} holds no other signal of the joint"
+
+
+def _time_faults(joint: JointConfig, uses: list[Use]) -> Iterator[str]:
+    """Yield a line if the step of a time of day is coarser than the stated error."""
+    timing, step_s = joint.timing, max((u.factor for u in uses if u.role == TIME), default=0.0)
+    if timing is not None and timing.by == "time" and (timing.sigma_s or 0.0) < 0.28 * step_s:
+        yield (
+            f"timing.sigma_s: {timing.sigma_s:g}; must be at least {0.28 * step_s:g}, as the time "
+            f"in a sample counts steps of {step_s:g} s"
+        )
 
 
 def _some(names: Mapping[str, object]) -> str:

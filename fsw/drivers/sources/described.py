@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.config import BusConfig, HealthConfig, JointConfig
-from fsw.config.signals import TimingConfig
+from fsw.config.signals import BY_SYNC, TimingConfig
 from fsw.drivers.codecs.canopen import COB_SYNC
 from fsw.drivers.layout.joints import (
     COUNTER,
@@ -20,13 +20,20 @@ from fsw.drivers.layout.joints import (
     position_step_rad,
 )
 from fsw.drivers.sources.bus_errors import BusErrors
+from fsw.drivers.sources.cues import COB_TIME, TIME_BITS, ByCue, ByTime, Cues, time_objects
 from fsw.drivers.sources.described_frames import FrameReader
 from fsw.drivers.sources.groups import Arrivals, Groupings
 from fsw.drivers.sources.joint_end import JointEnd, Raw
 from fsw.drivers.sources.joint_track import HISTORY_SYNCS
 from fsw.drivers.sources.sync import UNKNOWN, SyncHistory, history_of
-from fsw.drivers.sources.validity import ByArrival, ByDeviceTime, Validity, wire_s
-from fsw.drivers.wire import ERR_FLAG, FrameArray, Reject, frame_at
+from fsw.drivers.sources.validity import (
+    ASSUMED_BITRATE,
+    ByArrival,
+    ByDeviceTime,
+    Validity,
+    wire_s,
+)
+from fsw.drivers.wire import EFF_FLAG, ERR_FLAG, SFF_MASK, FrameArray, Reject, frame_at
 from fsw.messages import FloatArray, IntArray, JointSamples, joined
 from fsw.messages.findings import Fault, Finding
 
@@ -34,7 +41,7 @@ LATEST_RATIO = 0.9  # of a period: a later frame is not of the last SYNC
 SPREAD_RATIO = 0.5  # of a period between the frames of one sample
 REPEAT_NS = 100_000_000  # a joint that stays silent is reported again after this time
 MAX_EVENTS = MAX_FINDINGS = 256
-HELD_SYNCS = 64
+LATEST_S = 1.0  # age of a sample by the time of day that it holds
 MOST_FRAMES = HISTORY_SYNCS // 2  # in a batch; a longer one is split, so that every loss is counted
 ERROR_BUS_OFF = 0x040
 
@@ -82,19 +89,21 @@ class DescribedBusSource:
             ]
         )
         self._delay_ns = np.array([round(own.delay_s * 1e9) for own in timings])
-        self._latest_ns = np.array(
-            [round((own.latest_s or LATEST_RATIO * period_s) * 1e9) for own in timings]
+        self._offset_ns = round(bus.latch_offset_s * 1e9) * np.isin(
+            [own.by for own in timings], [*BY_SYNC, "request"]
         )
-        self._by = np.array([own.by for own in timings])
+        self._echoes = np.array([own.by == "echoed_counter" for own in timings])
+        self._sync_cues = Cues([COB_SYNC])
+        self._cues = {own.requests: Cues(_words(own)) for own in timings} | {(): self._sync_cues}
         self._validity = [
-            _validity_of(bus, own, layout)
+            _validity_of(bus, own, layout, self._cues[own.requests])
             for own, layout in zip(timings, self._layouts, strict=True)
         ]
+        self._by_time = [own for own in self._validity if isinstance(own, ByTime)]
         statuses = [(joint.signals or {}).get("status") for joint in self._joints]
         self._mask = np.array([(own and own.mask) or 0 for own in statuses])
         self._wanted = np.array([(own and own.value) or 0 for own in statuses])
         self._syncs: SyncHistory = history_of(bus)
-        self._sync_ns, self._sync_count = np.empty(0, np.int64), 0  # stamps of the newest SYNCs
         self._heard_ns: list[int | None] = [None] * len(joints)
         self._reported_ns = [0] * len(joints)
         self._settled = [0] * len(joints)  # index up to which lost samples are counted
@@ -107,7 +116,7 @@ class DescribedBusSource:
     def counters(self) -> dict[str, int]:
         """Counters of the whole bus."""
         out = self._end.counters()
-        out["sync"] = self._sync_count
+        out["sync"] = self._sync_cues.count
         out["other_frames"] = self._other_frames
         out["error_frames"] = self._errors.frames
         out.update({f"can_{name}": count for name, count in self._errors.counts.items()})
@@ -164,27 +173,28 @@ class DescribedBusSource:
     def _feed(self, frames: FrameArray) -> JointSamples:
         words = np.ascontiguousarray(frames["word"])
         is_own = np.isin(words, self._reader.words)
-        is_sync = words == COB_SYNC
-        self._other_frames += int(len(words) - np.count_nonzero(is_own | is_sync))
+        for cues in self._cues.values():
+            is_cue = words == cues.words[0] if len(cues.words) == 1 else np.isin(words, cues.words)
+            cues.note(frames["t_ns"][is_cue].astype(np.int64))
+            is_own |= is_cue
+        if self._by_time and (is_time := words == COB_TIME).any():
+            told = time_objects(frames[is_time])
+            for own in self._by_time:
+                own.note(told)
+        self._other_frames += int(len(words) - np.count_nonzero(is_own))
         for row in np.flatnonzero(words & np.uint32(ERR_FLAG)).tolist():
             self._error(frames, row)
-        sync_rows = np.flatnonzero(is_sync)
-        sync_ns = frames["t_ns"][sync_rows].astype(np.int64)
-        self._note_syncs(frames, sync_rows)
+        if self._echoes.any():
+            self._note_syncs(frames, np.flatnonzero(words == COB_SYNC))
         joint, arrivals, short = self._reader.read(frames, words)
         for place, at_ns, size in short:
             self._refuse(place, at_ns, Reject.LENGTH, size, f"{size} bytes")
-        self._sync_ns = np.concatenate([self._sync_ns, sync_ns])
-        self._sync_count += len(sync_ns)
         timed = self._grouped(joint, arrivals)
         index, t_ns = self._times(timed)
-        self._sync_ns = self._sync_ns[-HELD_SYNCS:]
         return self._judged(timed, index, t_ns)
 
     def _note_syncs(self, frames: FrameArray, rows: NDArray[np.intp]) -> None:
         """Give SYNCs with a counter to the history for echoed ones."""
-        if not (self._by == "echoed_counter").any():
-            return
         for row in rows.tolist():
             data = frames["data"][row, : int(frames["length"][row])].tobytes()
             self._syncs.add(data, int(frames["t_ns"][row]), row)
@@ -208,15 +218,7 @@ class DescribedBusSource:
     def _times(self, timed: _Timed) -> tuple[IntArray, IntArray]:
         """Return the running index of every sample, UNKNOWN if it has no time, and its time."""
         index, t_ns = np.full(len(timed.joint), UNKNOWN), timed.sent_ns.copy()
-        by = self._by[timed.joint]
-        if (own := by == "last_sync").any() and len(self._sync_ns):
-            last = np.searchsorted(self._sync_ns, timed.sent_ns[own]) - 1
-            stamp_ns = self._sync_ns[np.maximum(last, 0)]
-            found = timed.sent_ns[own] - stamp_ns <= self._latest_ns[timed.joint[own]]
-            found &= last >= 0
-            index[own] = np.where(found, self._sync_count - len(self._sync_ns) + last, UNKNOWN)
-            t_ns[own] = stamp_ns
-        if (own := by == "echoed_counter").any():
+        if (own := self._echoes[timed.joint]).any():
             counters = np.nan_to_num(timed.values[own, COUNTER]).astype(np.int64)
             rows = np.maximum(timed.sent_row[own], 0)
             order = np.argsort(rows, kind="stable")
@@ -229,12 +231,7 @@ class DescribedBusSource:
             if validity is not None and stop > start:
                 own_ns, device = timed.sent_ns[start:stop], timed.values[start:stop, TIME]
                 index[start:stop], t_ns[start:stop] = validity.stamps(own_ns, device)
-        return index, t_ns + self._offset_ns(by) - self._delay_ns[timed.joint]
-
-    def _offset_ns(self, by: NDArray[np.str_]) -> IntArray:
-        """Return the bus's latch offset for samples timed by SYNC."""
-        latch_ns = round(self._bus.latch_offset_s * 1e9)
-        return np.where((by == "last_sync") | (by == "echoed_counter"), latch_ns, 0)
+        return index, t_ns + (self._offset_ns - self._delay_ns)[timed.joint]
 
     def _judged(self, timed: _Timed, index: IntArray, t_ns: IntArray) -> JointSamples:
         """Return the samples that are usable; count and report the others."""
@@ -297,8 +294,15 @@ def _timing_of(joint: JointConfig) -> TimingConfig:
     return joint.timing
 
 
-def _validity_of(bus: BusConfig, timing: TimingConfig, layout: JointLayout) -> Validity | None:
-    """Return the clock of a device with a time of its own; None: SYNC gives the time."""
+def _words(timing: TimingConfig) -> list[int]:
+    """Return the identifiers of requests with flag bits."""
+    return [own | EFF_FLAG * (own > SFF_MASK) for own in timing.requests]
+
+
+def _validity_of(
+    bus: BusConfig, timing: TimingConfig, layout: JointLayout, cues: Cues
+) -> Validity | None:
+    """Return what gives a joint's samples their times; None: the counter that they echo."""
     period_s, ppm = 1.0 / bus.rate_hz, timing.clock_tolerance_ppm
     wire_ns = wire_s(layout.messages[0], bus) * 1e9
     if timing.by == "arrival":
@@ -306,4 +310,9 @@ def _validity_of(bus: BusConfig, timing: TimingConfig, layout: JointLayout) -> V
     time = layout.use(TIME)
     if timing.by == "device_time" and time is not None:
         return ByDeviceTime(1 << time.signal.bits, time.factor, period_s, ppm, wire_ns)
+    if timing.by == "time" and time is not None:
+        told_ns = 1e9 * TIME_BITS / (bus.bitrate or ASSUMED_BITRATE)
+        return ByTime(time.factor, period_s, ppm, told_ns, timing.latest_s or LATEST_S)
+    if timing.by in ("last_sync", "request"):
+        return ByCue(cues, round((timing.latest_s or LATEST_RATIO * period_s) * 1e9))
     return None

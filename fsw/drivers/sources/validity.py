@@ -36,20 +36,14 @@ class Stamp(NamedTuple):
 class Validity(Protocol):
     """Gives the samples of one device their times."""
 
-    def stamp(self, t_ns: int, device: float) -> Stamp:
-        """Accept the next sample: stamp of its frame [ns], device time on the wire [ticks]."""
-        ...
-
     def stamps(self, t_ns: IntArray, device: FloatArray) -> tuple[IntArray, IntArray]:
-        """Accept the next samples, (k,) as for `stamp`; return numbers and times of validity."""
+        """Accept the next samples; return numbers and times of validity (k,).
+
+        Parameters
+        ----------
+        t_ns, device : (k,) stamps of their frames [ns], device times on the wire [ticks]
+        """
         ...
-
-
-def _one_by_one(own: Validity, t_ns: IntArray, device: FloatArray) -> tuple[IntArray, IntArray]:
-    """Return what `stamp` returns for one sample after the other."""
-    pairs = zip(t_ns.tolist(), device.tolist(), strict=True)
-    number, times_ns = np.array([own.stamp(*pair) for pair in pairs], np.int64).reshape(-1, 2).T
-    return number, times_ns
 
 
 class ByArrival:
@@ -159,7 +153,10 @@ class ByDeviceTime:
 
     def stamps(self, t_ns: IntArray, device: FloatArray) -> tuple[IntArray, IntArray]:
         """Accept the next samples; return numbers and times of validity."""
-        return _one_by_one(self, t_ns, device)
+        pairs = zip(t_ns.tolist(), device.tolist(), strict=True)
+        found = [self.stamp(*pair) for pair in pairs]
+        number, times_ns = np.array(found, np.int64).reshape(-1, 2).T
+        return number, times_ns
 
     def stamp(self, t_ns: int, device: float) -> Stamp:
         """Accept the next sample."""

@@ -51,7 +51,7 @@ class Drive(Protocol):
 
     @property
     def latch_ns(self) -> float:
-        """Time from a SYNC to the measurement; for trigger `sync`."""
+        """Time from a SYNC, or from the end of a command, to the measurement."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

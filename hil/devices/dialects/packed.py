@@ -12,7 +12,7 @@ from hil.devices.dialects import Dialect, Frame, Measured
 REPLY_ID = 0x100
 RANGES = {"position": (16, 4.0), "speed": (12, 8.0), "torque": (12, 60.0)}  # bits, +- range
 REPLY_NS = 180_000.0  # command received, which is when the motor measures, to the reply ready
-STAMP_S = 3e-5  # of the master's commands against an even period
+STAMP_S = 1e-5  # 1 sigma of a stamp of the master's command
 
 
 def _share(value: float, bits: int, top: float) -> int:
@@ -46,7 +46,7 @@ def _joint(node: int) -> dict[str, Any]:
             "position": {"message": f"motor{node}", "signal": "position", "unit": "rad"},
             "torque": {"message": f"motor{node}", "signal": "torque", "unit": "N m"},
         },
-        "timing": {"by": "arrival", "sigma_s": STAMP_S, "delay_s": REPLY_NS * 1e-9},
+        "timing": {"by": "request", "requests": [node], "sigma_s": STAMP_S},
     }
 
 
