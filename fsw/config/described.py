@@ -30,6 +30,10 @@ def descriptions_go_with(
             if tailored and is_bare:
                 raise ValueError(f"buses.{i}.{key}: {value!r}; {tailored[0]!r} needs its counter")
         for k, joint in own:
+            if bus.listen_only and joint.pdo != "trusted":
+                raise ValueError(
+                    f"joints.{k}.pdo: {joint.pdo!r}; buses.{i}.listen_only sends nothing"
+                )
             by = "" if joint.timing is None else joint.timing.by
             if by in ("last_sync", "echoed_counter") and bus.sync == "none":
                 raise ValueError(f"joints.{k}.timing.by: {by!r}; buses.{i}.sync is none")

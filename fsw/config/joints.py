@@ -113,6 +113,10 @@ class JointConfig(Section):
     description: Path | None = None
     """EDS or DCF file of this node; its messages are `TPDO1`, `TPDO2` ..., its signals `0x6064`,
     `0x2012:03` ...; null: the bus's description"""
+    pdo: Literal["trusted", "checked", "written"] = "trusted"
+    """the PDOs of such a node that its signals name: `trusted` to be as in its file; `checked`
+    against it by SDO before the node is started; `written` by SDO, then checked. A node that
+    differs is not started (`NODE_DIFFERS`)"""
     signals: dict[Role, SignalConfig] | None = None  # for driver: described
     timing: TimingConfig | None = None  # likewise
     format: Literal["classic", "fd"] = "classic"
@@ -220,6 +224,8 @@ class JointConfig(Section):
                 raise ValueError(f"{key}: {shown} must be left out with driver: {self.driver}")
             if value is None and needs.get(key, False):
                 raise ValueError(f"{key}: missing with driver: {self.driver}")
+        if self.pdo != "trusted" and self.description is None:
+            raise ValueError(f"pdo: {self.pdo!r} without description, an EDS or DCF of the node")
         if self.signals is not None and self.timing is not None:
             self._roles_given(self.signals, self.timing)
         return self

@@ -245,3 +245,15 @@ def unpack_frame(t_ns: int, data: bytes) -> CanFrame | None:
     record = np.frombuffer(data, np.uint8)[None]
     found = frames_from(np.array([t_ns]), record, np.array([len(data)]))
     return frame_at(found, 0) if len(found) else None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PdoMapping:
+    """One transmit PDO as a description has it."""
+
+    number: int  # from 1
+    cob_id: int  # with its flag bits
+    transmission: int
+    inhibit: int = 0  # [100 us]
+    event_ms: int = 0
+    entries: tuple[int, ...]  # index << 16 | subindex << 8 | bits

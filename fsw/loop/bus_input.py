@@ -8,6 +8,7 @@ estimation get the same order.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
+from types import MappingProxyType
 from typing import Protocol
 
 import numpy as np
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from fsw.clock import Clock
 from fsw.drivers.codecs.canopen import encode_sync
+from fsw.drivers.codecs.sdo import COB_REPLY
 from fsw.drivers.wire import (
     NO_FRAMES,
     SFF_MASK,
@@ -28,15 +30,18 @@ from fsw.drivers.wire import (
 )
 from fsw.exchange.sinks import CanTraffic, Sink
 from fsw.loop.link import Link
+from fsw.loop.node_setup import NodeSetup
 from fsw.messages import Event
 
 COB_HEARTBEAT = 0x700
 NODE_MASK = 0x07F
 _NO_NODE = np.uint32(0xFFFFFFFF & ~NODE_MASK)
-NOT_STARTED = (b"\x00", b"\x7f")  # heartbeats of a node that waits for its start
+BOOT_UP = b"\x00"
+NOT_STARTED = (BOOT_UP, b"\x7f")  # heartbeats of a node that waits for its start
 QUIET_NS = 1_000_000_000  # shortest time between two reports of lost frames
 BACK_TOLERANCE_NS = 1_000_000  # error between stamps of two clocks; less than a SYNC period
 HELD_NS = 1_000_000  # a send takes some 40 us; if it takes this long, the kernel did other work
+NO_SETUPS: Mapping[int, NodeSetup] = MappingProxyType({})
 LATE_NS = 2_000_000_000  # longest wait for the echo of a sent frame
 
 
@@ -74,6 +79,7 @@ class BusInput:
         selector: Selector | None = None,
         *,
         listen_only: bool = False,
+        setups: Mapping[int, NodeSetup] = NO_SETUPS,
     ) -> None:
         """Store the links; open nothing.
 
@@ -82,6 +88,7 @@ class BusInput:
         nodes : identifier and data of the NMT start frame of each configured node, by node number
         sync_counter_max : largest counter of SYNC; 0: SYNC has no data
         listen_only : never send a frame
+        setups : what is done with nodes before they are started, by node number
         links : one bus; or the nominal and the redundant bus, between which `selector` chooses
         """
         self.name = name
@@ -90,6 +97,7 @@ class BusInput:
         self._sync_counter, self._sync_counter_max = 0, sync_counter_max  # of the last SYNC sent
         self._heartbeat = heartbeat
         self._listen_only = listen_only
+        self._setups = {} if listen_only else setups
         self._talking_since_ns: int | None = None  # first frame sent on the active bus
         self._nodes = nodes
         self._clock = clock
@@ -124,9 +132,31 @@ class BusInput:
         return values
 
     def start_nodes(self) -> None:
-        """Send NMT start to every configured node. Raises PortError."""
-        for can_id, data in self._nodes.values():
+        """Send NMT start to every configured node, or begin its setup. Raises PortError."""
+        for node in self._nodes:
+            self._start(node)
+
+    def _start(self, node: int) -> None:
+        setup = self._setups.get(node)
+        frames = [self._nodes[node]] if setup is None else setup.start(self._clock.now_ns())
+        for can_id, data in frames:
             self._send(can_id, data)
+
+    def _set_up(self, read: FrameArray, sink: Sink) -> None:
+        """Continue the dialogues with nodes. Raises PortError."""
+        now_ns = self._clock.now_ns()
+        found = [setup.poll(now_ns) for setup in self._setups.values()]
+        words = read["word"]
+        for row in ((words > COB_REPLY) & (words <= COB_REPLY + NODE_MASK)).nonzero()[0].tolist():
+            frame = frame_at(read, row)
+            setup = self._setups.get(frame.can_id - COB_REPLY)
+            found += [] if setup is None else [setup.hear(frame, now_ns)]
+        for frames, event in found:
+            if event is not None:
+                severity, code, text = event
+                sink.put(Event(now_ns, severity, code, f"{self.name}: {text}"))
+            for can_id, data in frames:
+                self._send(can_id, data)
 
     def send_sync(self) -> None:
         """Send the next SYNC. Raises PortError."""
@@ -209,6 +239,8 @@ class BusInput:
             self._report_trouble(sink)
         frames, read = self._ordered, self._taken
         self._ordered = self._taken = NO_FRAMES
+        if self._setups:
+            self._set_up(read, sink)
         if not len(frames):
             return
         sink.put(CanTraffic(self.name, frames))
@@ -221,8 +253,11 @@ class BusInput:
         for row in (words & _NO_NODE == COB_HEARTBEAT).nonzero()[0].tolist():
             frame = frame_at(read, row)
             node = frame.can_id & NODE_MASK
-            if frame.data in NOT_STARTED and node in self._nodes:
-                self._send(*self._nodes[node])
+            own = self._setups.get(node)
+            waits = own is not None and (own.is_running or own.is_refused)
+            is_due = frame.data == BOOT_UP or (frame.data in NOT_STARTED and not waits)
+            if is_due and node in self._nodes:
+                self._start(node)
 
     def _send(self, can_id: int, data: bytes) -> bool:
         """Send one frame; return False if it was not sent. Raises PortError."""

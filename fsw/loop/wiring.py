@@ -4,12 +4,15 @@
 """
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 from fsw.clock import Clock
 from fsw.config import BusConfig, Config
 from fsw.drivers.codecs import canopen
 from fsw.drivers.codecs.entries import star_tracker_codec
+from fsw.drivers.codecs.sdo import compared, written
+from fsw.drivers.layout.files import read_mappings
 from fsw.drivers.sources.bus_selection import BusSelector
 from fsw.drivers.wire import FramePort
 from fsw.exchange.sinks import IMU, STAR_TRACKER, Sink
@@ -18,6 +21,7 @@ from fsw.loop.inputs import Inputs
 from fsw.loop.line_input import LineInput
 from fsw.loop.link import Link
 from fsw.loop.loop import Loop, nothing_due, nothing_more
+from fsw.loop.node_setup import NodeSetup
 from fsw.loop.ports import CAN, SECOND, Ports
 
 
@@ -34,7 +38,7 @@ def build(
     `deadline_ns` returns the time at which the next window closes [ns]; 0 while it is unknown.
     `more` returns further values of each status.
     """
-    buses = [_bus_input(config, bus, clock, ports) for bus in config.buses if bus.feed is None]
+    buses = [bus_input(config, bus, clock, ports) for bus in config.buses if bus.feed is None]
     openers = ports.line_openers
     lines = [
         LineInput(bus.name, Link(bus.name, ports.feeds.get(bus.name), openers.get(bus.name)))
@@ -51,7 +55,7 @@ def build(
     return Loop(config, clock, sink, Inputs(buses, lines, clock, sink), deadline_ns, more)
 
 
-def _bus_input(config: Config, bus: BusConfig, clock: Clock, ports: Ports) -> BusInput:
+def bus_input(config: Config, bus: BusConfig, clock: Clock, ports: Ports) -> BusInput:
     """Return the input of one bus; it has two links if the bus is a redundant pair."""
     names, selector = [bus.name], None
     if bus.redundant is not None:
@@ -75,4 +79,19 @@ def _bus_input(config: Config, bus: BusConfig, clock: Clock, ports: Ports) -> Bu
         beat,
         selector,
         listen_only=bus.listen_only,
+        setups=_setups(config, bus),
     )
+
+
+def _setups(config: Config, bus: BusConfig) -> dict[int, NodeSetup]:
+    """Return the setups of nodes whose PDOs are checked or written, by node number."""
+    found = {}
+    for joint in config.joints:
+        node, path = joint.node_id, joint.description
+        if joint.bus != bus.name or joint.pdo == "trusted" or node is None or path is None:
+            continue
+        names = {own.message for own in (joint.signals or {}).values()}
+        pdos = read_mappings(config.resolve(path), node, names)
+        dialogue = written if joint.pdo == "written" else compared
+        found[node] = NodeSetup(node, joint.name, partial(dialogue, pdos))
+    return found

@@ -7,11 +7,12 @@ size and the number of its messages are bounded before a library sees it.
 import io
 import logging
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping, Sized
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from fsw.drivers.layout.signals import Message, Number, Signal
+from fsw.drivers.wire import PdoMapping
 from fsw.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -39,6 +40,7 @@ _TYPES: dict[int, Number] = {  # CiA 301 data types that are numbers
 DUMMIES = range(1, 8)  # indexes of entries that only fill a gap
 VALID, EXTENDED = 1 << 31, 1 << 29  # bits of a COB-ID entry; the first means: does not exist
 MULTIPLEXED = (254, 255)  # number of mapped objects of a multiplexed PDO
+_Found = TypeVar("_Found", bound=Sized)
 
 for _library in ("canopen", "cantools"):  # what they log is no line of this program
     logging.getLogger(_library).addHandler(logging.NullHandler())
@@ -84,11 +86,7 @@ def read_node(
     text = _text(path, NODE_SUFFIXES)
 
     def read() -> dict[str, Message]:
-        from canopen.objectdictionary import import_od
-
-        own = io.StringIO(text)
-        own.name = str(path)  # the library takes the kind of file from it
-        objects = import_od(own, node_id)
+        objects = _objects(text, path, node_id)
         for (index, sub), value in (written or {}).items():
             _variable(objects, index, sub).value = _whole_entry(objects, index, sub, value)
         names = {0x1A00 + k: f"TPDO{k + 1}" for k in range(512) if 0x1A00 + k in objects}
@@ -96,6 +94,48 @@ def read_node(
         return {name: message for name, message in found.items() if message is not None}
 
     return _guarded(path, read)
+
+
+def read_mappings(path: Path, node_id: int, names: Collection[str]) -> list[PdoMapping]:
+    """Return the named transmit PDOs of an EDS or DCF as a master writes them.
+
+    Raises
+    ------
+    ConfigError in one line when the file cannot be used.
+    """
+    text = _text(path, NODE_SUFFIXES)
+
+    def read() -> list[PdoMapping]:
+        objects = _objects(text, path, node_id)
+        numbers = sorted(int(name.removeprefix("TPDO")) for name in names)
+        return [_mapping(objects, number) for number in numbers]
+
+    return _guarded(path, read)
+
+
+def _objects(text: str, path: Path, node_id: int) -> "ObjectDictionary":
+    from canopen.objectdictionary import import_od
+
+    own = io.StringIO(text)
+    own.name = str(path)  # the library takes the kind of file from it
+    return import_od(own, node_id)
+
+
+def _mapping(objects: "ObjectDictionary", number: int) -> PdoMapping:
+    communication, mapping = 0x1800 + number - 1, 0x1A00 + number - 1
+    further = {
+        key: _value(objects, communication, sub)
+        for key, sub in (("inhibit", 3), ("event_ms", 5))
+        if objects.get_variable(communication, sub) is not None
+    }
+    count = _value(objects, mapping, 0)
+    return PdoMapping(
+        number=number,
+        cob_id=_value(objects, communication, 1),
+        transmission=_value(objects, communication, 2),
+        entries=tuple(_value(objects, mapping, k) for k in range(1, count + 1)),
+        **further,
+    )
 
 
 def _text(path: Path, suffixes: tuple[str, ...]) -> str:
@@ -123,7 +163,7 @@ def _text(path: Path, suffixes: tuple[str, ...]) -> str:
         return data.decode("cp1252", errors="replace")  # what editors of DBC files write
 
 
-def _guarded(path: Path, read: Callable[[], dict[str, Message]]) -> dict[str, Message]:
+def _guarded(path: Path, read: Callable[[], _Found]) -> _Found:
     """Return what a library reads; any error of it is a fault of the file."""
     try:
         found = read()

@@ -92,6 +92,8 @@ _TABLE: tuple[tuple[int, str, Severity, str], ...] = (
     (122, "FILE_FAILED", _MEDIUM, "a file transfer failed"),
     (130, "NODE_BOOT_UP", _INFO, "a bus node has started"),
     (131, "NODE_STATE", _INFO, "a bus node's heartbeat reports another NMT state"),
+    (133, "NODE_SET_UP", _INFO, "the PDOs of a bus node are as described; it is started"),
+    (134, "NODE_DIFFERS", _HIGH, "the PDOs of a bus node are not as described; it is not started"),
     (132, "NODE_EMERGENCY", _HIGH, "a bus node's emergency object; information where it is reset"),
     (140, "CAN_BUS_OFF", _HIGH, "the controller is off the bus"),
     (141, "CAN_ERROR_PASSIVE", _MEDIUM, "the controller is error passive"),
