@@ -5,13 +5,14 @@ bodies are identified again. Residuals as small as the noise show the actual mis
 other mistake leaves such residuals. Where several leave equally small ones, all are named.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
 from scipy.optimize import minimize_scalar
 
 from fsw.checks.mistake import SHIFTS_S, Mistake
-from fsw.checks.mistakes import usual_mistakes
+from fsw.checks.mistakes import signs, usual_mistakes
 from fsw.checks.mounting import (
     contradicted,
     mounting_words,
@@ -29,6 +30,7 @@ from fsw.messages import Block
 
 LARGE = 3.0  # ratio of squared residuals to declared noise above which something is wrong
 EXPLAINED = 0.1  # largest share of the excess over noise that remains if a mistake explains it
+HELPS = 0.5  # share of the excess below which a sensor that is left out may be one of the causes
 ALIKE = 1.5  # ratio of excesses over noise of two mistakes that explain the data equally well
 MOST_ALIKE = 3
 OR = "; or: "
@@ -153,10 +155,49 @@ def _excess(level: float) -> float:
     return max(level - 1.0, 0.0)
 
 
-def unexplained(trial: Trial) -> tuple[float, list[str]]:
-    """Return the ratio of squared residuals, and words on a clock's offset that small ones show."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Unexplained:
+    """Ratio of squared residuals, and what it shows without a long search.
+
+    Attributes
+    ----------
+    words : on a clock's offset if the residuals are small, and else on a sign
+    one_sensor : whether the data may fit if one sensor is left out, here or elsewhere
+    """
+
+    level: float
+    words: tuple[str, ...]
+    one_sensor: bool
+
+
+def unexplained(trial: Trial) -> Unexplained:
+    """Return what the configuration leaves unexplained at the places of the trial."""
     fit = trial.fit(FREED_ITERATIONS, plain=True)
-    return fit.level, _small_offset(trial, fit) if fit.level <= LARGE else []
+    if fit.level <= LARGE:
+        return Unexplained(level=fit.level, words=tuple(_small_offset(trial, fit)), one_sensor=True)
+    least = min(fitted(trial.problem, own).level for own in _without_one(trial))
+    helps = _excess(least) < HELPS * _excess(fit.level)
+    return Unexplained(level=fit.level, words=tuple(_signs(trial, fit.level)), one_sensor=helps)
+
+
+def _without_one(trial: Trial) -> Iterator[list[Block]]:
+    """Yield the blocks of a trial without one of the sensors."""
+    for k in range(len(trial.blocks[0].has_joint) if trial.blocks else 0):
+        others = np.arange(len(trial.blocks[0].has_joint)) != k
+        yield [replace(own, has_joint=own.has_joint & others) for own in trial.blocks]
+    yield [replace(own, has_accelerometer=False) for own in trial.blocks]
+    yield [replace(own, has_gyro=False) for own in trial.blocks]
+
+
+def _signs(trial: Trial, level: float) -> list[str]:
+    """Return words on the joints' sign that leaves residuals as small as noise, if there is one."""
+    few = trial.thinned(FEW_PLACES)
+    screened = [_without(own, few, 0.0, FEW_ITERATIONS) for own in signs(trial.config)]
+    best = sorted(screened, key=lambda own: own.level)[:MOST_ALIKE]
+    tried = sorted((_without(own.mistake, trial) for own in best), key=lambda own: own.level)
+    if not tried or tried[0].level > LARGE or _excess(tried[0].level) > EXPLAINED * _excess(level):
+        return []
+    return _words([[own for own in tried if own.level <= ALIKE * max(tried[0].level, 1.0)]])
 
 
 def _tried(trial: Trial, level: float, progress: Callable[[str], None]) -> tuple[int, list[_Tried]]:

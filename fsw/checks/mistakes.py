@@ -30,7 +30,7 @@ def usual_mistakes(trial: Trial) -> list[Mistake]:
     """Return the mistakes to try for a configuration and its recorded sources."""
     config = trial.config
     return [
-        *_signs(config),
+        *signs(config),
         *_exchanges(config),
         *_units(config),
         *described_units(config),
@@ -44,7 +44,8 @@ def usual_mistakes(trial: Trial) -> list[Mistake]:
     ]
 
 
-def _signs(config: Config) -> Iterator[Mistake]:
+def signs(config: Config) -> Iterator[Mistake]:
+    """Yield the wrong signs of one joint, and of all."""
     n = len(config.joints)
     for k, joint in enumerate(config.joints):
         key, turned = f"joints.{k}", np.where(np.arange(n) == k, -1.0, 1.0)

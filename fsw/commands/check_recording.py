@@ -101,28 +101,31 @@ def contradictions(
     result: ReplayResult,
     watching: Watching,
     rates: Sequence[Comparison],
-) -> list[str]:
-    """Return the lines of `check_recording` on what is wrong, without the search for a cause.
+) -> tuple[list[str], bool]:
+    """Return the lines of `check_recording` on what is wrong, without a long search for a cause.
+
+    Also return whether the data may fit if one sensor is left out.
 
     `result` and `watching` are of a replay, `rates` those of the frames of described joints. Wrong
     nodes and unused sensors are not among the lines.
     """
     counts = result.status["samples"]
-    found = data_findings(config, watching.windows, counts, result.duration_s, rates)
+    data = data_findings(config, watching.windows, counts, result.duration_s, rates)
     jumps = _jumps(recording, config, watching)
     turned = [] if jumps else tracker_findings(config, watching.windows)
-    lines = [*jumps, *found.wrong]
+    lines = [*jumps, *data.wrong]
     lines += [f"{WRONG}{text}" for text in [*range_findings(config, counts), *turned]]
     if len(watching.made) < FEW_BLOCKS or not config.joints:
-        return lines
+        return lines, True
     trial = make_trial(
-        with_found(config, found.noise), problem.model, watching.windows, watching.made
+        with_found(config, data.noise), problem.model, watching.windows, watching.made
     )
-    level, words = unexplained(trial)
-    if level > LARGE:
-        size = f"residuals {level**0.5:.3g} times the declared noise"
-        words = [f"{size}; fsw check CONFIG RECORDING looks for the cause"]
-    return [*lines, *(f"{WRONG}{text}" for text in words)]
+    found = unexplained(trial)
+    words = found.words
+    if found.level > LARGE:
+        cause = "; ".join(words) or "fsw check CONFIG RECORDING looks for the cause"
+        words = (f"residuals {found.level**0.5:.3g} times the declared noise; {cause}",)
+    return [*lines, *(f"{WRONG}{text}" for text in words)], found.one_sensor
 
 
 def _jumps(recording: Path, config: Config, watching: Watching) -> list[str]:

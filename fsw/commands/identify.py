@@ -88,7 +88,9 @@ def identify(
     tell(f"reading {recording}")
     alone = show is None and holdout is None and reference is None
     windows_only = alone and chosen.estimator.outside_wrench == "ignore"
-    result, warnings = _read(recording, chosen, collector, span, tell, windows_only=windows_only)
+    result, warnings, one_sensor = _read(
+        recording, chosen, collector, span, tell, windows_only=windows_only
+    )
     if lines := missed(result.status, chosen, method):
         raise EstimatorError(f"{recording}: {'; '.join(lines)}")
     wrong = unused_sensors(result.status) or any(WRONG in line for line in warnings)
@@ -111,6 +113,7 @@ def identify(
             chosen, collector.blocks, method, names, progress, keep, reference=empty.blocks
         )
         unscreened = alone and result.estimate is None and values["status"] != "ABORTED"
+        unscreened &= one_sensor or values["status"] != "MODEL_MISMATCH"
         if unscreened and not fits_throughout(chosen, collector.blocks, values, *state[0]):
             tell("checking single readings of every sensor; those that do not fit are left out")
             every, collector.blocks = collector.blocks, Shelf(screened(chosen, collector.blocks))
@@ -159,8 +162,10 @@ def _read(
     tell: Callable[[str], None],
     *,
     windows_only: bool,
-) -> tuple[ReplayResult, list[str]]:
+) -> tuple[ReplayResult, list[str], bool]:
     """Replay a recording into the collector; return the result, and what does not fit the data.
+
+    Also return whether the data may fit if one sensor is left out.
 
     Raises
     ------
@@ -185,11 +190,12 @@ def _read(
         why = warnings or ["fsw check CONFIG RECORDING says why"]
         raise EstimatorError(f"{recording}: no window can be used; {'; '.join(why)}")
     tell("comparing the data with the configuration")
-    problem = build_problem(config, model)
+    problem, one_sensor = build_problem(config, model), True
     if fits:  # times and values of all samples follow from it
         rates = wires.rates()
-        warnings += contradictions(recording, config, problem, result, watching, rates)
-    return result, warnings
+        wrong, one_sensor = contradictions(recording, config, problem, result, watching, rates)
+        warnings += wrong
+    return result, warnings, one_sensor
 
 
 def frame_of(config: Config, body: str) -> str:

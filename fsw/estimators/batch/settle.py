@@ -7,21 +7,24 @@ from itertools import compress
 import numpy as np
 from scipy.special import chdtri
 
-from fsw.estimators.batch.plain import BatchSolution
+from fsw.estimators.batch.plain import BatchSolution, is_hopeless
 from fsw.estimators.batch.solver import Progress, Target, minimise
 from fsw.estimators.block_view import fitting
 from fsw.estimators.creep import Scores, changes, worst_change
 from fsw.estimators.few_windows import FEW_WINDOWS
 from fsw.estimators.few_windows import in_words as few_in_words
-from fsw.estimators.likeness import in_words
+from fsw.estimators.likeness import in_words, unexplained
 from fsw.estimators.measurement.row_functions import Linearisation
 from fsw.estimators.model.problem import Problem
-from fsw.estimators.recursive.change import InnovationMonitor
-from fsw.estimators.recursive.trust import Trust, is_scattered
+from fsw.estimators.recursive.change import MISMATCH_LEVEL, InnovationMonitor
+from fsw.estimators.recursive.trust import UNEXPLAINED, Trust, is_scattered
 from fsw.messages import Block, FloatArray
 
 GATE_ROUNDS = 6
 LEVEL_TOLERANCE = 0.05
+WORTH = (
+    4.0  # factor by which a round must lower a variance that noise does not explain, to be worth it
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -35,7 +38,7 @@ class Settled:
     residuals: Sequence[FloatArray]
     likely: FloatArray  # (p, p), wider where residuals are alike from block to block
     covariance: FloatArray  # (p, p), and where what is constant creeps
-    misfit: bool  # many blocks do not fit the others, or residuals are far larger than noise
+    misfit: bool  # many blocks do not fit the others; residuals or calibration are far off
     against: str  # what noise does not explain; empty: nothing
     note: str  # why sigma is wider than that of the declared noise; empty: it is not
 
@@ -75,6 +78,11 @@ def settle(
         if is_scattered(fits.count(False), sum(fits)):
             scattered = f"{fits.count(False)} of {len(blocks)} windows do not fit the others"
             break
+        large = _is_large(problem, linear, blocks, solution.mean, noise.level)
+        if large and (fits == fitted or 1.0 < before.level < WORTH * noise.level):
+            break  # other blocks would not make it fit
+        if fits == fitted and is_hopeless(problem, solution.mean):
+            break
         moved = abs(noise.variance / before.variance - 1.0)
         if more == 0 or (fits == fitted and moved < LEVEL_TOLERANCE):
             break
@@ -102,12 +110,22 @@ def settle(
         level=level,
         used=used,
         residuals=left,
-        misfit=solution.status != "ABORTED" and (bool(scattered) or trust.is_large(level)),
+        misfit=solution.status != "ABORTED"
+        and (bool(scattered) or trust.is_large(level) or is_hopeless(problem, solution.mean)),
         likely=trust.likely(white, len(left)),
         covariance=covariance,
         note="; ".join(filter(None, (few_in_words(len(used), noise.doubt), alike))),
         against="; ".join(filter(None, (scattered, no_body, trust.in_words(level)))),
     )
+
+
+def _is_large(
+    problem: Problem, linear: Linearisation, blocks: Sequence[Block], x: FloatArray, level: float
+) -> bool:
+    """Return whether neither noise nor the share that may be unmodelled explains a level at x."""
+    if level <= MISMATCH_LEVEL or problem.is_free:
+        return level > MISMATCH_LEVEL
+    return unexplained(linear(x), blocks, problem.nodes) > UNEXPLAINED
 
 
 def _fitted(problem: Problem, solution: BatchSolution) -> float:

@@ -253,10 +253,14 @@ class Problem:
         unit, key = BY_NAME[kind].unit, BY_NAME[kind].key
         if self.model.torque_units.get(label) == "N":  # of a prismatic joint
             unit, key = LINEAR_UNITS.get(unit, unit), linear(key)
-        size = f"{x[k] - self.prior_mean[k]:+.3g} {unit}".rstrip()
+        off = x[k] - self.prior_mean[k]
+        size = f"{off:+.3g} {unit}".rstrip()
+        cure = f"correct it, or state its doubt by {key}"
+        if kind == "torque_scale" and off < -1.0:
+            cure = "the torque counts the other way: set torque_gain to -1 times its value"
         return (
             f"; {in_words(name)}: estimated {sigmas:.0f} sigma ({size}) from what is configured; "
-            f"correct it, or state its doubt by {key}"
+            f"{cure}"
         )
 
     def place_m(self, x: FloatArray) -> FloatArray:

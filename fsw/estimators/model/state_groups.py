@@ -318,10 +318,13 @@ OF_BODIES |= {f"I{axes}": f"inertia {axes}" for axes in ("xx", "xy", "xz", "yy",
 
 
 def in_words(state: str) -> str:
-    """Return the quantity of a state, such as `zeros of joints (joint1)` or `mass of target`."""
+    """Return the quantity of a state, such as `joint zeros (joint1)` or `mass of target`.
+
+    The name of a group stands for all its states.
+    """
     group, (body, _, label) = group_of(state), state.partition(".")
     if group is None:
         return f"{OF_BODIES[label]} of {body}" if label in OF_BODIES else state
     if group.name == "known":  # its labels end in the number of a parameter
         label = label.rpartition(".")[0]
-    return f"{group.cause or group.effect} ({label})"
+    return (group.cause or group.effect) + f" ({label})" * bool(label)

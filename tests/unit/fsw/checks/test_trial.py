@@ -59,12 +59,29 @@ def test_readings_of_a_joint_of_other_sign_and_zero_are_read_as_its_node_sends_t
 @pytest.mark.parametrize("late_s", [0.012, -0.03])
 def test_the_offset_of_a_clock_is_found_with_its_size(made, late_s):
     trial = made[0].shifted([GYRO, ACCELEROMETER], late_s)
-    level, words = unexplained(trial)
-    if level > 3.0:
+    found = unexplained(trial)
+    words = found.words
+    if found.level > 3.0:
         words = list(explain_residuals(trial, made[2], lambda _: None).found)
     (line,) = words
     assert "imu: its clock differs" in line
     assert float(line.split("imu=")[1].split(")")[0]) == pytest.approx(-late_s, abs=2e-3)
+
+
+def test_a_sign_of_all_torques_is_named_at_once_and_is_no_sensor(made):
+    found = unexplained(made[0].reread(torque=-1.0))
+    assert found.level > 3.0
+    assert not found.one_sensor
+    assert "all torques count the other way" in found.words[0]
+
+
+def test_one_torque_that_is_wrong_is_told_from_the_rest(made):
+    turned = np.ones(len(made[0].config.joints))
+    turned[2] = 1.5
+    found = unexplained(made[0].reread(torque=turned))
+    assert found.level > 3.0
+    assert found.one_sensor
+    assert not found.words
 
 
 def test_an_angle_that_wraps_is_unwrapped_and_nothing_else(made):

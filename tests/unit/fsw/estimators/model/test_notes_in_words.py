@@ -19,6 +19,19 @@ def test_a_value_far_from_its_prior_is_named_with_size_and_key() -> None:
     assert "joint_zero" not in note
 
 
+def test_a_torque_that_counts_the_other_way_is_named() -> None:
+    problem = make_problem(("target",), doubt=True)
+    x = problem.prior_mean.copy()
+    x[problem.names.index("torque_scale.joint2")] -= 1.97
+    note = problem.suspicion(x)
+    assert "torque scale (joint2): estimated 197 sigma (-1.97) from" in note
+    assert "set torque_gain to -1 times its value" in note
+
+
+def test_the_name_of_a_group_has_no_empty_brackets() -> None:
+    assert in_words("torque_scale") == "torque scale"
+
+
 def test_a_known_body_is_named_without_the_number_of_its_parameter() -> None:
     assert in_words("known.base.7") == "inertial data of known bodies and links (base)"
     assert in_words("target.mass") == "target.mass"
