@@ -1,5 +1,6 @@
-"""A sink that keeps results of a run in lists."""
+"""A sink that keeps results of a run; those of a long run are in a file."""
 
+from fsw.commands.shelf import Shelf
 from fsw.drivers.wire import ByteChunk
 from fsw.exchange.sinks import Message, NullSink, SerialTraffic
 from fsw.messages import Block, Estimate, Event
@@ -9,16 +10,17 @@ class Collector(NullSink):
     """Keeps the results that the score and the picture need."""
 
     def __init__(self) -> None:
-        self.estimates: list[Estimate] = []
-        self.blocks: list[Block] = []
-        self.imu_chunks: list[ByteChunk] = []
+        self.estimates: Shelf[Estimate] = Shelf()
+        self.blocks: Shelf[Block] = Shelf()
+        self.imu_chunks: Shelf[ByteChunk] = Shelf()
         self.events: list[Event] = []
 
     def put(self, message: Message) -> None:
         """Keep estimates, blocks, events, and the bytes of the inertial unit."""
         match message:
             case SerialTraffic(device="imu"):
-                self.imu_chunks += message.chunks
+                for chunk in message.chunks:
+                    self.imu_chunks.append(chunk)
             case Block():
                 self.blocks.append(message)
             case Estimate():
