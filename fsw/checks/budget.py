@@ -74,7 +74,11 @@ def bus_load(
     report_s = classic_frame_s(TPDO1_BYTES, bitrate)
     report_s += classic_frame_s(WHEEL_TPDO2_BYTES, bitrate) / TPDO2_DIVIDER
     reports_hz = sum(
-        {other.node_id: other.rate_hz for other in others if other.bus == bus.name}.values()
+        {
+            other.node_id: other.rate_hz
+            for other in others
+            if other.bus == bus.name and other.node_id is not None
+        }.values()
     )
     return cycle_s * bus.rate_hz + report_s * reports_hz
 

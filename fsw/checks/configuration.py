@@ -20,7 +20,7 @@ from fsw.config.joints import minute_walk
 from fsw.config.keys import read_key
 from fsw.config.telemetry import BUS_SLOTS, JOINT_SLOTS
 from fsw.drivers.codecs.entries import imu_codec
-from fsw.drivers.layout.joints import layouts_of, torque_steps_nm
+from fsw.drivers.layout.joints import layouts_of, torque_steps_nm, wheel_layouts_of
 from fsw.errors import ConfigError
 from fsw.estimators.model.problem import Problem
 
@@ -285,6 +285,7 @@ def _description_faults(config: Config) -> list[str]:
     for bus in config.buses:
         try:
             layouts_of(config, bus)
+            wheel_layouts_of(config, bus)
         except ConfigError as error:
             faults += str(error).splitlines()
     return faults

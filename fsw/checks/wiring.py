@@ -12,7 +12,7 @@ import numpy as np
 from fsw.checks.comparison import WRONG, Comparison
 from fsw.config import BusConfig, Config, JointConfig
 from fsw.drivers.layout.decoder import Decoder
-from fsw.drivers.layout.joints import POSITION, TORQUE, JointLayout, Use, layouts_of
+from fsw.drivers.layout.joints import POSITION, TORQUE, Layout, Use, layouts_of
 from fsw.drivers.layout.signals import Message, Number, Signal
 from fsw.drivers.wire import NO_FRAMES, FrameArray, joined
 from fsw.exchange.sinks import CanTraffic, NullSink
@@ -85,7 +85,7 @@ class Wires(NullSink):
             for text in _signal_findings(joint, layout, frames, bus.rate_hz)
         ]
 
-    def _joints(self, bus: BusConfig) -> Iterator[tuple[int, JointConfig, JointLayout, FrameArray]]:
+    def _joints(self, bus: BusConfig) -> Iterator[tuple[int, JointConfig, Layout, FrameArray]]:
         kept = self._kept.get(bus.name, [])
         frames = joined(kept) if kept else NO_FRAMES
         for k, layout in self._layouts.get(bus.name, {}).items():
@@ -125,7 +125,7 @@ def frames_of(message: Message, frames: FrameArray) -> FrameArray:
 
 
 def _signal_findings(
-    joint: JointConfig, layout: JointLayout, frames: FrameArray, rate_hz: float
+    joint: JointConfig, layout: Layout, frames: FrameArray, rate_hz: float
 ) -> Iterator[str]:
     for role, name, step in (
         (POSITION, "position", REACH_RATIO * joint.speed_limit_rad_s / rate_hz),

@@ -36,7 +36,7 @@ from fsw.config.base import (
     Turn,
 )
 from fsw.config.feed import SAMPLES
-from fsw.config.signals import Role, SignalConfig, TimingConfig
+from fsw.config.signals import Role, SignalConfig, TimingConfig, roles_given
 from fsw.errors import brief
 
 TORQUE_STEP_NM = {"classic": 1e-2, "fd": 1e-4}  # resolution of a canopen node's torque, by format
@@ -235,20 +235,9 @@ class JointConfig(Section):
             "position": not self.speed_only,
             "speed": self.speed_only,
             "torque": self.torque != "none",
-            "time": timing.by in ("device_time", "time"),
-            "counter": timing.by == "echoed_counter",
         }
-        for role, is_needed in needed.items():
-            if (role in signals) != is_needed:
-                words = "missing" if is_needed else "has no use"
-                raise ValueError(
-                    f"signals.{role}: {words} with encoder {self.encoder}, torque {self.torque}, "
-                    f"timing by {timing.by}"
-                )
-        for role, own in signals.items():
-            for key in ("mask", "value"):
-                if (getattr(own, key) is not None) != (role == "status"):
-                    raise ValueError(f"signals.{role}.{key}: only, and always, of status")
+        words = f"encoder {self.encoder}, torque {self.torque}"
+        roles_given(signals, timing, needed, words)
 
     @model_validator(mode="before")
     @classmethod

@@ -1,5 +1,6 @@
 """Sections that describe frames of any CAN device, and say which of their signals a joint uses."""
 
+from collections.abc import Mapping
 from math import pi, tau
 from typing import Annotated, Literal, Self
 
@@ -180,3 +181,24 @@ class TimingConfig(Section):
         if self.by not in BY_SYNC and self.sigma_s is None:
             raise ValueError(f"sigma_s: missing; timing by {self.by} needs it")
         return self
+
+
+def roles_given(
+    signals: Mapping[Role, SignalConfig],
+    timing: TimingConfig,
+    needed: Mapping[Role, bool],
+    words: str,
+) -> None:
+    """Raise ValueError for a signal that is missing or of no use; `words` say what needs it."""
+    of_time: dict[Role, bool] = {
+        "time": timing.by in ("device_time", "time"),
+        "counter": timing.by == "echoed_counter",
+    }
+    for role, is_needed in {**needed, **of_time}.items():
+        if (role in signals) != is_needed:
+            what = "missing" if is_needed else "has no use"
+            raise ValueError(f"signals.{role}: {what} with {words}, timing by {timing.by}")
+    for role, own in signals.items():
+        for key in ("mask", "value"):
+            if (getattr(own, key) is not None) != (role == "status"):
+                raise ValueError(f"signals.{role}.{key}: only, and always, of status")

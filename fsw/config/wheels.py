@@ -15,6 +15,7 @@ from fsw.config.base import (
     TorqueSigma,
     Vector3,
 )
+from fsw.config.signals import Role, SignalConfig, TimingConfig, roles_given
 
 RotorInertia = Annotated[float, Field(ge=1e-9, le=1e4, allow_inf_nan=False)]
 RotorSpeed = Annotated[float, Field(gt=0, le=1e4, allow_inf_nan=False)]
@@ -30,12 +31,15 @@ class WheelConfig(Section):
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}$")]
     """its name in events and status"""
-    driver: Literal["canopen"] = "canopen"
-    """wire format, see [icd.md](icd.md)"""
+    driver: Literal["canopen", "described"] = "canopen"
+    """`canopen`: the tailored node of [icd.md](icd.md); `described`: any device, by `signals` and
+    `timing` as of a joint, in messages of its bus ([how](howto/connect.md))"""
     bus: str | None = None
     """name of the bus the node is on; null: its samples come by `fsw import` only"""
     node_id: Annotated[int, Field(ge=1, le=127)] | None = None
-    """CANopen node; given where the bus is"""
+    """CANopen node; given where the bus is, left out with `described`"""
+    signals: dict[Role, SignalConfig] | None = None  # for driver: described
+    timing: TimingConfig | None = None  # likewise
     rate_hz: Rate
     """rate of its reports, at least 1 and at most the bus's SYNC rate"""
     axis_B: Vector3
@@ -73,7 +77,11 @@ class WheelConfig(Section):
             raise ValueError(
                 f"axis_B: {list(self.axis_B)} has length {length:.4g}; must have length 1"
             )
-        if (self.bus is None) != (self.node_id is None):
+        if self.driver == "described":
+            self._described()
+        elif self.signals is not None or self.timing is not None:
+            raise ValueError("signals, timing: must be left out with driver: canopen")
+        elif (self.bus is None) != (self.node_id is None):
             given, missing = ("bus", "node_id") if self.node_id is None else ("node_id", "bus")
             value = getattr(self, given)
             raise ValueError(
@@ -95,6 +103,26 @@ class WheelConfig(Section):
         if self.torque == "measured" and self.torque_noise_nm is None:
             raise ValueError("torque_noise_nm: missing; torque: measured needs it")
         return self
+
+    def _described(self) -> None:
+        """Raise ValueError for a described wheel that lacks a key, or has one too many."""
+        if self.bus is None or self.node_id is not None:
+            key, word = ("bus", "missing") if self.bus is None else ("node_id", "must be left out")
+            raise ValueError(f"{key}: {word} with driver: described")
+        if self.signals is None or self.timing is None:
+            key = "signals" if self.signals is None else "timing"
+            raise ValueError(f"{key}: missing with driver: described")
+        needed: dict[Role, bool] = {
+            "position": False,
+            "speed": True,
+            "torque": self.torque == "measured",
+        }
+        roles_given(self.signals, self.timing, needed, f"torque {self.torque}")
+
+    @property
+    def kind(self) -> Literal["revolute"]:
+        """Kind of its units, as of a joint."""
+        return "revolute"
 
     @property
     def walk_nm_sqrt_s(self) -> float:

@@ -115,7 +115,7 @@ class Config(Section):
         """All CAN nodes: joints, wheels on a bus, then one thruster for each node with valves."""
         joints = (joint for joint in self.joints if joint.node_id is not None)
         nodes = {f"{thruster.bus}:{thruster.node_id}": thruster for thruster in self.thrusters}
-        wheels = (wheel for wheel in self.wheels if wheel.bus is not None)
+        wheels = (wheel for wheel in self.wheels if wheel.node_id is not None)
         return (*joints, *wheels, *nodes.values())
 
     def as_read(self) -> Self:
@@ -267,7 +267,7 @@ def _parts_are_unique(config: Config) -> None:
     others = [node for node in config.can_nodes if not isinstance(node, JointConfig)]
     numbered = [*of_joints, *others]
     nodes = [f"{node.bus}:0x{node.node_id:02x}" for node in numbered]
-    joints, wheels = len(of_joints), sum(wheel.bus is not None for wheel in config.wheels)
+    joints, wheels = len(of_joints), sum(wheel.node_id is not None for wheel in config.wheels)
     require_unique(nodes[:joints], "joints.node_id")
     require_unique(nodes[: joints + wheels], "wheels.node_id")
     require_unique(nodes, "thrusters.node_id")

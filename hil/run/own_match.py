@@ -109,6 +109,8 @@ def _wires(config: Config) -> str:
         return "buses.0.feed: missing; the bench flies no samples of a recording"
     described = {joint.bus for joint in config.joints if joint.driver == "described"}
     for other in _others(config):
+        if other.driver == "described":
+            return f"{other.name}: described; the bench's wheels speak the tailored format"
         if other.bus in described:
             return f"{other.name}: on bus {other.bus!r} of described joints; give it its own bus"
     for joint in config.joints:

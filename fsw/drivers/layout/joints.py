@@ -1,10 +1,10 @@
-"""Which signals of which messages a joint uses: configuration and descriptions brought together."""
+"""Which signals of which messages a joint or a wheel uses: configuration meets descriptions."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import sqrt
 
-from fsw.config import BusConfig, Config, JointConfig
+from fsw.config import BusConfig, Config, JointConfig, WheelConfig
 from fsw.config.joints import TORQUE_STEP_NM
 from fsw.config.signals import (
     LINEAR,
@@ -19,6 +19,7 @@ from fsw.drivers.layout.files import read_messages, read_node
 from fsw.drivers.layout.signals import Message, Signal, faults
 from fsw.errors import ConfigError, brief
 
+Device = JointConfig | WheelConfig
 ROLES = 5
 POSITION, TORQUE, TIME, COUNTER, STATUS = range(ROLES)  # a speed is in place of a position
 ROLES_BY_NAME: dict[Role, int] = {
@@ -35,7 +36,7 @@ FLOAT_STEPS = 2**11  # least steps of a converter behind a float, from zero to t
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Use:
-    """One signal that a joint uses; its value in SI is the decoded one times `factor`."""
+    """One signal that a device uses; its value in SI is the decoded one times `factor`."""
 
     role: int
     message: Message
@@ -44,13 +45,13 @@ class Use:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class JointLayout:
-    """The signals of one joint, by role."""
+class Layout:
+    """The signals of one device, by role."""
 
     uses: tuple[Use, ...]
 
     def use(self, role: int) -> Use | None:
-        """Return the signal of a role; None: the joint has none."""
+        """Return the signal of a role; None: the device has none."""
         return next((use for use in self.uses if use.role == role), None)
 
     @property
@@ -62,35 +63,48 @@ class JointLayout:
         return tuple({use.message.word: use.message for use in self.uses}.values())
 
 
-def layouts_of(config: Config, bus: BusConfig) -> dict[int, JointLayout]:
+def layouts_of(config: Config, bus: BusConfig) -> dict[int, Layout]:
     """Return the layouts of a bus's described joints, by index of the joint.
 
     Raises
     ------
     ConfigError with one line per fault.
     """
-    joints = [
-        (i, joint)
-        for i, joint in enumerate(config.joints)
-        if joint.bus == bus.name and joint.driver == "described"
-    ]
-    if not joints:
+    return _layouts(config, bus, "joints", config.joints)
+
+
+def wheel_layouts_of(config: Config, bus: BusConfig) -> dict[int, Layout]:
+    """Return the layouts of a bus's described wheels, by index of the wheel.
+
+    Raises
+    ------
+    ConfigError with one line per fault.
+    """
+    return _layouts(config, bus, "wheels", config.wheels)
+
+
+def _layouts(
+    config: Config, bus: BusConfig, section: str, devices: Sequence[Device]
+) -> dict[int, Layout]:
+    own = [(i, one) for i, one in enumerate(devices) if one.bus == bus.name]
+    described = [(i, device) for i, device in own if device.driver == "described"]
+    if not described:
         return {}
-    shared, lines, found = _messages_of(config, bus), list[str](), dict[int, JointLayout]()
-    for i, joint in joints:
-        own = shared
-        if joint.description is not None and joint.node_id is not None:
-            own = read_node(config.resolve(joint.description), joint.node_id)
+    shared, lines, found = _messages_of(config, bus), list[str](), dict[int, Layout]()
+    for i, device in described:
+        messages = shared
+        if isinstance(device, JointConfig) and device.description and device.node_id is not None:
+            messages = read_node(config.resolve(device.description), device.node_id)
         try:
-            found[i] = _layout_of(joint, own)
+            found[i] = _layout_of(device, messages)
         except ConfigError as error:
-            lines += [f"joints.{i}.{line}" for line in str(error).splitlines()]
+            lines += [f"{section}.{i}.{line}" for line in str(error).splitlines()]
     if lines:
         raise ConfigError("\n".join(lines))
     return found
 
 
-def in_words(joint: JointConfig, layout: JointLayout) -> str:
+def in_words(joint: JointConfig, layout: Layout) -> str:
     """Return what a joint reads, with the SI value of a step of each number, and its timing."""
     read = "; ".join(
         f"{name} {use.message.name}.{use.signal.name} (0x{use.message.identifier:x}) "
@@ -112,14 +126,14 @@ def torque_steps_nm(config: Config) -> list[float]:
     ]
 
 
-def _torque_step_nm(joint: JointConfig, layout: JointLayout | None) -> float:
+def _torque_step_nm(joint: JointConfig, layout: Layout | None) -> float:
     use = None if layout is None else layout.use(TORQUE)
     if use is None or use.signal.number == "float":
         return joint.torque_limit_nm / FLOAT_STEPS
     return abs(use.signal.scale * use.factor)
 
 
-def position_step_rad(joint: JointConfig, layout: JointLayout) -> float:
+def position_step_rad(joint: JointConfig, layout: Layout) -> float:
     """Return the resolution of a joint's encoder; of a float, the one that its noise may hide."""
     use = layout.use(POSITION)
     if use is None or use.signal.number == "float":
@@ -166,7 +180,7 @@ def _signal_of(own: LayoutSignalConfig) -> Signal:
     )
 
 
-def _layout_of(joint: JointConfig, messages: Mapping[str, Message]) -> JointLayout:
+def _layout_of(joint: Device, messages: Mapping[str, Message]) -> Layout:
     uses, lines = [], []
     for name, role in ROLES_BY_NAME.items():
         own = (joint.signals or {}).get(name)
@@ -180,11 +194,11 @@ def _layout_of(joint: JointConfig, messages: Mapping[str, Message]) -> JointLayo
     lines += _time_faults(joint, uses)
     if lines:
         raise ConfigError("\n".join(lines))
-    return JointLayout(uses=tuple(uses))
+    return Layout(uses=tuple(uses))
 
 
 def _use(
-    joint: JointConfig, name: str, role: int, own: SignalConfig, messages: Mapping[str, Message]
+    joint: Device, name: str, role: int, own: SignalConfig, messages: Mapping[str, Message]
 ) -> Use:
     message = messages.get(own.message)
     if message is None:
@@ -221,7 +235,7 @@ def _clock(signal: Signal) -> Signal:
     return replace(signal, bits=signal.bits - spare)
 
 
-def _factor(joint: JointConfig, name: str, own: SignalConfig, signal: Signal) -> float:
+def _factor(joint: Device, name: str, own: SignalConfig, signal: Signal) -> float:
     """Return the SI value of a signal's unit, which must not contradict the description."""
     unit, described = plain_unit(own.unit or signal.unit), plain_unit(signal.unit)
     table = (UNITS if joint.kind == "revolute" else LINEAR)[name]
@@ -246,10 +260,10 @@ def _status_faults(uses: list[Use]) -> Iterator[str]:
     others = {use.message.word for use in uses if use.role != STATUS}
     for use in uses:
         if use.role == STATUS and use.message.word not in others:
-            yield f"status.message: {use.message.name!r} holds no other signal of the joint"
+            yield f"status.message: {use.message.name!r} holds no other signal of the device"
 
 
-def _time_faults(joint: JointConfig, uses: list[Use]) -> Iterator[str]:
+def _time_faults(joint: Device, uses: list[Use]) -> Iterator[str]:
     """Yield a line if the step of a time of day is coarser than the stated error."""
     timing, step_s = joint.timing, max((u.factor for u in uses if u.role == TIME), default=0.0)
     if timing is not None and timing.by == "time" and (timing.sigma_s or 0.0) < 0.28 * step_s:

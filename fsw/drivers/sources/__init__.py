@@ -2,6 +2,7 @@
 
 from fsw.drivers.sources.bus_selection import BusSelector
 from fsw.drivers.sources.described import DescribedBusSource
+from fsw.drivers.sources.described_wheels import DescribedWheelSource
 from fsw.drivers.sources.feed import FeedSource
 from fsw.drivers.sources.imu import ImuSource
 from fsw.drivers.sources.joints import JointBusSource
@@ -12,6 +13,7 @@ from fsw.drivers.sources.wheels import WheelBusSource
 __all__ = [
     "BusSelector",
     "DescribedBusSource",
+    "DescribedWheelSource",
     "FeedSource",
     "ImuSource",
     "JointBusSource",

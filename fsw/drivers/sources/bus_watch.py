@@ -137,6 +137,8 @@ class BusWatch:
         before the third SYNC after it. Then no SYNC is settled without all its answers.
         """
         states, last = self._nodes, syncs[-1].sync if syncs else self._index
+        if not states:
+            return False
         nodes = np.fromiter(states, np.int64, len(states))
         before = np.array([state.newest for state in states.values()])
         late = answers.newest - answers.sync

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.drivers.layout.decoder import Decoder
-from fsw.drivers.layout.joints import ROLES, TIME, JointLayout, Use
+from fsw.drivers.layout.joints import ROLES, TIME, Layout, Use
 from fsw.drivers.layout.signals import Message
 from fsw.drivers.sources.groups import Arrivals
 from fsw.drivers.wire import FrameArray
@@ -34,7 +34,7 @@ class _Kind(NamedTuple):
 class FrameReader:
     """Reads the frames of all described joints of a bus."""
 
-    def __init__(self, layouts: Sequence[JointLayout]) -> None:
+    def __init__(self, layouts: Sequence[Layout]) -> None:
         self._kinds = _kinds_of(layouts)
         words = [kind.words for kind in self._kinds]
         self.words: NDArray[np.uint32] = np.concatenate(words)
@@ -83,7 +83,7 @@ def _short(kind: _Kind, own: FrameArray, place: NDArray[np.intp]) -> list[_Short
     return [(joint, t_ns, size) for t_ns, size, at in rows for joint in kind.joints[at].tolist()]
 
 
-def _kinds_of(layouts: Sequence[JointLayout]) -> list[_Kind]:
+def _kinds_of(layouts: Sequence[Layout]) -> list[_Kind]:
     """Return the kinds of messages that the joints use, those of equal layout together."""
     messages = {own.word: own for layout in layouts for own in layout.messages}
     slots: dict[int, list[_Slot]] = {}

@@ -7,9 +7,10 @@ import numpy as np
 
 from fsw.config import BusConfig, Config
 from fsw.drivers.codecs.canopen import COB_SYNC
-from fsw.drivers.layout.joints import layouts_of
+from fsw.drivers.layout.joints import layouts_of, wheel_layouts_of
 from fsw.drivers.sources import (
     DescribedBusSource,
+    DescribedWheelSource,
     FeedSource,
     ImuSource,
     JointBusSource,
@@ -39,6 +40,8 @@ from fsw.messages import Samples
 from fsw.messages.findings import Finding
 from fsw.scheduler.align import Aligner
 
+_TAILORED = (JointBusSource, WheelBusSource, ThrusterBusSource)
+
 
 class BusChannel:
     """Decodes the frames of the joints, wheels and thrusters of one bus."""
@@ -49,19 +52,24 @@ class BusChannel:
             for i, joint in enumerate(config.joints)
             if joint.bus == bus.name and joint.driver != "samples"
         ]
-        wheels = [(i, wheel) for i, wheel in enumerate(config.wheels) if wheel.bus == bus.name]
+        wheels = [(i, own) for i, own in enumerate(config.wheels) if own.bus == bus.name]
+        described = wheel_layouts_of(config, bus)
+        foreign = [(i, own) for i, own in wheels if i in described]
+        wheels = [(i, own) for i, own in wheels if i not in described]
         self.name = bus.name
         layouts = layouts_of(config, bus)
         self.source: JointBusSource | DescribedBusSource
-        self._starts = [COB_SYNC]  # words of frames that begin the grid of windows
         if layouts:
             self.source = DescribedBusSource(bus, joints, layouts, config.health)
-            self._starts = self._starts if bus.sync != "none" else self.source.words
         else:
             self.source = JointBusSource(bus, joints, config.health)
         thrusters = [(i, own) for i, own in enumerate(config.thrusters) if own.bus == bus.name]
-        self.others: list[WheelBusSource | ThrusterBusSource] = []
+        self.others: list[WheelBusSource | DescribedWheelSource | ThrusterBusSource] = []
         self.others += [WheelBusSource(bus, wheels)] if wheels else []
+        self.others += [DescribedWheelSource(bus, foreign, described)] if foreign else []
+        parts = [part for part in (self.source, *self.others) if not isinstance(part, _TAILORED)]
+        words = [word for part in parts for word in part.words]
+        self._starts = words if bus.sync == "none" else [COB_SYNC]  # begin the grid of windows
         self.others += [ThrusterBusSource(bus, thrusters)] if thrusters else []
         self._waiting: list[FrameArray] = []
 

@@ -1,0 +1,181 @@
+"""Samples of devices whose frames a description gives: put together and timed, not judged."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fsw.config import BusConfig, JointConfig, WheelConfig
+from fsw.config.signals import BY_SYNC, TimingConfig
+from fsw.drivers.codecs.canopen import COB_SYNC
+from fsw.drivers.layout.joints import COUNTER, STATUS, TIME, Layout
+from fsw.drivers.sources.cues import COB_TIME, TIME_BITS, ByCue, ByTime, Cues, time_objects
+from fsw.drivers.sources.described_frames import FrameReader
+from fsw.drivers.sources.groups import Groupings
+from fsw.drivers.sources.sync import UNKNOWN, SyncHistory, history_of
+from fsw.drivers.sources.validity import (
+    ASSUMED_BITRATE,
+    ByArrival,
+    ByDeviceTime,
+    Validity,
+    wire_s,
+)
+from fsw.drivers.wire import EFF_FLAG, SFF_MASK, FrameArray
+from fsw.messages import FloatArray, IntArray
+
+LATEST_RATIO = 0.9  # of a period: a later frame is not of the last SYNC
+SPREAD_RATIO = 0.5  # of a period between the frames of one sample
+LATEST_S = 1.0  # age of a sample by the time of day that it holds
+
+
+class Timed(NamedTuple):
+    """Samples of all devices, sorted by device; all arrays (k,), `values` (k, roles)."""
+
+    device: IntArray  # place in the list of devices
+    index: IntArray  # running number, UNKNOWN if the sample has no time
+    t_ns: IntArray  # time of validity
+    done_ns: IntArray  # stamp of the last frame
+    values: FloatArray
+    status: IntArray
+    is_good: NDArray[np.bool_]  # by the status
+
+
+class DescribedSamples:
+    """Reads the frames of described devices of one bus.
+
+    Parameters
+    ----------
+    rates_hz : nominal rate of each device's samples
+    """
+
+    def __init__(
+        self,
+        bus: BusConfig,
+        devices: Sequence[JointConfig | WheelConfig],
+        layouts: Sequence[Layout],
+        rates_hz: Sequence[float],
+    ) -> None:
+        self._count = len(devices)
+        self._reader = FrameReader(layouts)
+        timings = [timing_of(device) for device in devices]
+        own = list(zip(timings, layouts, [1.0 / rate for rate in rates_hz], strict=True))
+        self._groups = Groupings(
+            [
+                (len(layout.messages), round((timing.spread_s or SPREAD_RATIO * period_s) * 1e9))
+                for timing, layout, period_s in own
+            ]
+        )
+        self._late_ns = np.array([round(timing.delay_s * 1e9) for timing in timings])
+        self._late_ns -= round(bus.latch_offset_s * 1e9) * np.isin(
+            [timing.by for timing in timings], [*BY_SYNC, "request"]
+        )
+        self._echoes = np.array([timing.by == "echoed_counter" for timing in timings])
+        self._sync_cues = Cues([COB_SYNC])
+        self._cues = {timing.requests: Cues(_words(timing)) for timing in timings}
+        self._cues |= {(): self._sync_cues}
+        self._validity = [
+            _validity_of(bus, timing, layout, self._cues[timing.requests], period_s)
+            for timing, layout, period_s in own
+        ]
+        self._by_time = [own for own in self._validity if isinstance(own, ByTime)]
+        statuses = [(device.signals or {}).get("status") for device in devices]
+        self._mask = np.array([(use and use.mask) or 0 for use in statuses])
+        self._wanted = np.array([(use and use.value) or 0 for use in statuses])
+        self._syncs: SyncHistory = history_of(bus)
+        self.heard_ns: list[int | None] = [None] * len(devices)  # newest frame of each device
+        self.words = self._reader.words  # identifiers of the devices' frames, with flag bits
+
+    @property
+    def sync_count(self) -> int:
+        """Number of SYNCs."""
+        return self._sync_cues.count
+
+    @property
+    def headless(self) -> int:
+        """Number of samples without the message that carries the time."""
+        return self._groups.headless
+
+    def read(self, frames: FrameArray) -> tuple[Timed, list[tuple[int, int, int]], int]:
+        """Accept frames in order, sent ones included.
+
+        Returns
+        -------
+        samples; device, stamp and bytes of frames that are too short; number of other frames
+        """
+        words = np.ascontiguousarray(frames["word"])
+        is_own = np.isin(words, self.words)
+        for cues in self._cues.values():
+            is_cue = words == cues.words[0] if len(cues.words) == 1 else np.isin(words, cues.words)
+            cues.note(frames["t_ns"][is_cue].astype(np.int64))
+            is_own |= is_cue
+        if self._by_time and (is_time := words == COB_TIME).any():
+            told = time_objects(frames[is_time])
+            for by_time in self._by_time:
+                by_time.note(told)
+        if self._echoes.any():
+            for row in np.flatnonzero(words == COB_SYNC).tolist():
+                data = frames["data"][row, : int(frames["length"][row])].tobytes()
+                self._syncs.add(data, int(frames["t_ns"][row]), row)
+        device, arrivals, short = self._reader.read(frames, words)
+        ends = np.flatnonzero(np.diff(device, append=self._count))
+        for place, t_ns in zip(device[ends].tolist(), arrivals.t_ns[ends].tolist(), strict=True):
+            self.heard_ns[place] = t_ns
+        device, group = self._groups.feed(device, arrivals)
+        index, times_ns = self._times(device, group.sent_ns, group.sent_row, group.values)
+        raw = group.values[:, STATUS]
+        status = np.nan_to_num(raw).astype(np.int64)
+        is_good = status & self._mask[device] == self._wanted[device]
+        is_good &= ~np.isnan(raw) | (self._mask[device] == 0)
+        timed = Timed(device, index, times_ns, group.done_ns, group.values, status, is_good)
+        return timed, short, int(len(words) - np.count_nonzero(is_own))
+
+    def _times(
+        self, device: IntArray, sent_ns: IntArray, sent_row: IntArray, values: FloatArray
+    ) -> tuple[IntArray, IntArray]:
+        """Return the running index of every sample, UNKNOWN if it has no time, and its time."""
+        index, t_ns = np.full(len(device), UNKNOWN), sent_ns.copy()
+        if (own := self._echoes[device]).any():
+            counters = np.nan_to_num(values[own, COUNTER]).astype(np.int64)
+            rows = np.maximum(sent_row[own], 0)
+            order = np.argsort(rows, kind="stable")
+            matched = self._syncs.match(counters[order], rows[order], sent_ns[own][order])
+            places = np.flatnonzero(own)[order]
+            index[places] = np.where(matched.crept, UNKNOWN, matched.sync)
+            t_ns[places] = matched.stamp_ns
+        bounds = np.searchsorted(device, np.arange(self._count + 1)).tolist()
+        for validity, start, stop in zip(self._validity, bounds[:-1], bounds[1:], strict=True):
+            if validity is not None and stop > start:
+                found = validity.stamps(sent_ns[start:stop], values[start:stop, TIME])
+                index[start:stop], t_ns[start:stop] = found
+        return index, t_ns - self._late_ns[device]
+
+
+def timing_of(device: JointConfig | WheelConfig) -> TimingConfig:
+    """Return the timing of a described device."""
+    if device.timing is None:
+        raise ValueError(f"{device.name}: no timing")
+    return device.timing
+
+
+def _words(timing: TimingConfig) -> list[int]:
+    """Return the identifiers of requests with flag bits."""
+    return [own | EFF_FLAG * (own > SFF_MASK) for own in timing.requests]
+
+
+def _validity_of(
+    bus: BusConfig, timing: TimingConfig, layout: Layout, cues: Cues, period_s: float
+) -> Validity | None:
+    """Return what gives a device's samples their times; None: the counter that they echo."""
+    ppm, wire_ns = timing.clock_tolerance_ppm, wire_s(layout.messages[0], bus) * 1e9
+    if timing.by == "arrival":
+        return ByArrival(period_s, ppm, wire_ns)
+    time = layout.use(TIME)
+    if timing.by == "device_time" and time is not None:
+        return ByDeviceTime(1 << time.signal.bits, time.factor, period_s, ppm, wire_ns)
+    if timing.by == "time" and time is not None:
+        told_ns = 1e9 * TIME_BITS / (bus.bitrate or ASSUMED_BITRATE)
+        return ByTime(time.factor, period_s, ppm, told_ns, timing.latest_s or LATEST_S)
+    if timing.by in ("last_sync", "request"):
+        return ByCue(cues, round((timing.latest_s or LATEST_RATIO * period_s) * 1e9))
+    return None
