@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -46,17 +47,18 @@ class Cues:
         return number, self._stamps_ns[np.maximum(at, 0)]
 
 
+@dataclass(frozen=True, slots=True)
 class ByCue:
     """Samples that are measured at a cue, and sent until `latest_ns` after it."""
 
-    def __init__(self, cues: Cues, latest_ns: int) -> None:
-        self._cues, self._latest_ns = cues, latest_ns
+    cues: Cues
+    latest_ns: int
 
     def stamps(self, t_ns: IntArray, device: FloatArray) -> tuple[IntArray, IntArray]:
         """Accept the next samples; return numbers and times of validity. `device` has no use."""
         del device
-        number, stamp_ns = self._cues.last(t_ns)
-        return np.where(t_ns - stamp_ns <= self._latest_ns, number, REFUSED), stamp_ns
+        number, stamp_ns = self.cues.last(t_ns)
+        return np.where(t_ns - stamp_ns <= self.latest_ns, number, REFUSED), stamp_ns
 
 
 class ByTime:

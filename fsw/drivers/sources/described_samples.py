@@ -33,7 +33,7 @@ class Timed(NamedTuple):
     """Samples of all devices, sorted by device; all arrays (k,), `values` (k, roles)."""
 
     device: IntArray  # place in the list of devices
-    index: IntArray  # running number, UNKNOWN if the sample has no time
+    number: IntArray  # running, UNKNOWN if the sample has no time
     t_ns: IntArray  # time of validity
     done_ns: IntArray  # stamp of the last frame
     values: FloatArray
@@ -78,6 +78,9 @@ class DescribedSamples:
             _validity_of(bus, timing, layout, self._cues[timing.requests], period_s)
             for timing, layout, period_s in own
         ]
+        first = self._validity[0]
+        alike = all(own == first for own in self._validity)
+        self._common = first if alike and isinstance(first, ByCue) else None
         self._by_time = [own for own in self._validity if isinstance(own, ByTime)]
         statuses = [(device.signals or {}).get("status") for device in devices]
         self._mask = np.array([(use and use.mask) or 0 for use in statuses])
@@ -134,6 +137,9 @@ class DescribedSamples:
         self, device: IntArray, sent_ns: IntArray, sent_row: IntArray, values: FloatArray
     ) -> tuple[IntArray, IntArray]:
         """Return the running index of every sample, UNKNOWN if it has no time, and its time."""
+        if self._common is not None:
+            index, t_ns = self._common.stamps(sent_ns, values[:, TIME])
+            return index, t_ns - self._late_ns[device]
         index, t_ns = np.full(len(device), UNKNOWN), sent_ns.copy()
         if (own := self._echoes[device]).any():
             counters = np.nan_to_num(values[own, COUNTER]).astype(np.int64)

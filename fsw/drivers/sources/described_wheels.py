@@ -66,7 +66,7 @@ class DescribedWheelSource:
         torque[np.abs(torque) > self._torque_limit[wheel]] = np.nan
         good = np.ones(len(wheel), np.bool_)
         for k, place in enumerate(wheel.tolist()):
-            number = int(timed.index[k])
+            number = int(timed.number[k])
             reasons = (
                 (number < 0, Reject.STALE),
                 (not (timed.is_good[k] and np.isfinite(speed[k])), Reject.STATUS),
