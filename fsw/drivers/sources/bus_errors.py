@@ -1,8 +1,13 @@
 """Health of one CAN bus as its controller's error frames report it."""
 
+from collections import deque
+
 from fsw.drivers.codecs.can_error import BusCondition, decode_error
 from fsw.drivers.wire import CanFrame, Reject
+from fsw.messages.findings import Fault
 
+MAX_EVENTS = 256
+ERROR_BUS_OFF, ERROR_RESTARTED = 0x040, 0x100  # classes of a SocketCAN error frame
 QUIET_NS = 1_000_000_000  # a repeated condition is reported once in this time
 STATES = {
     BusCondition.BUS_OFF: ("high", "the controller is off the bus"),
@@ -55,3 +60,42 @@ class BusErrors:
             return None
         self._reported_ns[condition] = t_ns
         return "low", f"{condition.replace('_', ' ')}, {self.counts[condition]} in all"
+
+
+class BusReports:
+    """What a source reports of its bus beside samples: events and counters."""
+
+    def __init__(self, bus: str) -> None:
+        self._bus, self._errors = bus, BusErrors()
+        self._events: deque[tuple[str, str, str]] = deque(maxlen=MAX_EVENTS)
+        self.other_frames = 0
+        self.torque_unusable = 0
+
+    def event(self, severity: str, code: str, text: str) -> None:
+        """Add an event."""
+        self._events.append((severity, code, f"{self._bus}: {text}"))
+
+    def events(self) -> list[tuple[str, str, str]]:
+        """Return the events since the last call: severity, code and text of each."""
+        out = list(self._events)
+        self._events.clear()
+        return out
+
+    def error(self, frame: CanFrame) -> tuple[Fault, str] | None:
+        """Accept an error frame of the bus controller; return the fault that it shows, if any."""
+        for event in self._errors.feed(frame):
+            self.event(*event)
+        if frame.can_id & ERROR_BUS_OFF:
+            return Fault.BUS_OFF, "the controller went bus-off"
+        if frame.can_id & ERROR_RESTARTED:
+            return None
+        return Fault.BUS_ERRORS, f"class 0x{frame.can_id:03x}"
+
+    def counters(self) -> dict[str, int]:
+        """Return the counters of the bus itself."""
+        return {
+            "other_frames": self.other_frames,
+            "error_frames": self._errors.frames,
+            **{f"can_{name}": count for name, count in self._errors.counts.items()},
+            "torque_unusable": self.torque_unusable,
+        }

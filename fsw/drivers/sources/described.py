@@ -7,7 +7,7 @@ import numpy as np
 
 from fsw.config import BusConfig, HealthConfig, JointConfig
 from fsw.drivers.layout.joints import POSITION, TORQUE, Layout, position_step_rad
-from fsw.drivers.sources.bus_errors import BusErrors
+from fsw.drivers.sources.bus_errors import BusReports
 from fsw.drivers.sources.described_samples import DescribedSamples, Timed
 from fsw.drivers.sources.joint_end import JointEnd, Raw
 from fsw.drivers.sources.joint_track import HISTORY_SYNCS
@@ -16,9 +16,8 @@ from fsw.messages import JointSamples, joined
 from fsw.messages.findings import Fault, Finding
 
 REPEAT_NS = 100_000_000  # a joint that stays silent is reported again after this time
-MAX_EVENTS = MAX_FINDINGS = 256
+MAX_FINDINGS = 256
 MOST_FRAMES = HISTORY_SYNCS // 2  # in a batch; a longer one is split, so that every loss is counted
-ERROR_BUS_OFF = 0x040
 
 
 class DescribedBusSource:
@@ -48,22 +47,15 @@ class DescribedBusSource:
         self._end = JointEnd(joints, period_s, steps_rad)
         self._reported_ns = [0] * len(joints)
         self._settled = [0] * len(joints)  # index up to which lost samples are counted
-        self._errors, self._other_frames = BusErrors(), 0
-        self._torque_unusable = 0
-        self._events: deque[tuple[str, str, str]] = deque(maxlen=MAX_EVENTS)
+        self._reports = BusReports(bus.name)
+        self.events = self._reports.events
         self._found: deque[Finding] = deque(maxlen=MAX_FINDINGS)
 
     @property
     def counters(self) -> dict[str, int]:
         """Counters of the whole bus."""
-        out = self._end.counters()
-        out["sync"] = self._samples.sync_count
-        out["other_frames"] = self._other_frames
-        out["error_frames"] = self._errors.frames
-        out.update({f"can_{name}": count for name, count in self._errors.counts.items()})
-        out["torque_unusable"] = self._torque_unusable
-        out["incomplete"] = self._samples.headless
-        return out
+        own = {"sync": self._samples.sync_count, "incomplete": self._samples.headless}
+        return self._end.counters() | self._reports.counters() | own
 
     @property
     def joint_counters(self) -> dict[int, dict[str, int]]:
@@ -74,12 +66,6 @@ class DescribedBusSource:
     def motor_side() -> dict[str, dict[str, float]]:
         """Return nothing: slow values of described joints are not read."""
         return {}
-
-    def events(self) -> list[tuple[str, str, str]]:
-        """Return the events since the last call: severity, code and text of each."""
-        out = list(self._events)
-        self._events.clear()
-        return out
 
     def findings(self) -> list[Finding]:
         """Return the findings since the last call, in order of time."""
@@ -113,20 +99,14 @@ class DescribedBusSource:
 
     def _feed(self, frames: FrameArray) -> JointSamples:
         for row in np.flatnonzero(frames["word"] & np.uint32(ERR_FLAG)).tolist():
-            self._error(frames, row)
+            frame = frame_at(frames, row)
+            if (found := self._reports.error(frame)) is not None:
+                self._found.append(Finding(frame.t_ns, found[0], self._bus.name, found[1]))
         timed, short, others = self._samples.read(frames)
-        self._other_frames += others
+        self._reports.other_frames += others
         for place, at_ns, size in short:
             self._refuse(place, at_ns, Reject.LENGTH, size, f"{size} bytes")
         return self._judged(timed)
-
-    def _error(self, frames: FrameArray, row: int) -> None:
-        frame = frame_at(frames, row)
-        for severity, code, text in self._errors.feed(frame):
-            self._events.append((severity, code, f"{self._bus.name}: {text}"))
-        if frame.can_id & ERROR_BUS_OFF:
-            text = "the controller went bus-off"
-            self._found.append(Finding(frame.t_ns, Fault.BUS_OFF, self._bus.name, text))
 
     def _judged(self, timed: Timed) -> JointSamples:
         """Return the samples that are usable; count and report the others."""
@@ -151,7 +131,7 @@ class DescribedBusSource:
                 if track.counts.lost > lost and count:
                     text = f"{track.counts.lost - lost} samples missing"
                     self._find(self._heard_ns[place] or 0, Fault.JOINT_LOST, place, text)
-        self._torque_unusable += len(judged.silent)
+        self._reports.torque_unusable += len(judged.silent)
         for k in judged.silent:
             self._find(int(timed.done_ns[k]), Fault.TORQUE_FAULT, int(joint[k]), "no torque")
         return judged.samples

@@ -117,9 +117,7 @@ class DescribedSamples:
             for by_time in self._by_time:
                 by_time.note(told)
         if self._echoes.any():
-            for row in np.flatnonzero(words == COB_SYNC).tolist():
-                data = frames["data"][row, : int(frames["length"][row])].tobytes()
-                self._syncs.add(data, int(frames["t_ns"][row]), row)
+            self._syncs.note(frames)
         device, arrivals, short = self._reader.read(frames, words)
         ends = np.flatnonzero(np.diff(device, append=self._count))
         for place, t_ns in zip(device[ends].tolist(), arrivals.t_ns[ends].tolist(), strict=True):

@@ -17,7 +17,7 @@ from fsw.drivers.layout.shipped import (
     READ_JOINT_SLOW,
     READ_SPEED_FD,
 )
-from fsw.drivers.sources.bus_errors import BusErrors
+from fsw.drivers.sources.bus_errors import BusReports
 from fsw.drivers.sources.bus_watch import Answers, BusWatch, Mark
 from fsw.drivers.sources.counters import Counters
 from fsw.drivers.sources.joint_end import JointEnd, Raw
@@ -29,9 +29,7 @@ from fsw.messages.findings import Fault, Finding
 
 LOST_AFTER_NS = 100_000_000  # a SYNC without a sample after this time counts as a lost sample
 MOST_SYNCS = HISTORY_SYNCS // 2  # per batch; a longer batch is split, so that every loss is counted
-MAX_EVENTS = 256
 READERS = (READ_JOINT, READ_JOINT_FD, READ_SPEED_FD)  # a classic node sends speed as its position
-ERROR_BUS_OFF, ERROR_RESTARTED = 0x040, 0x100  # classes of a SocketCAN error frame
 _FAULT_OF_REJECT = {
     Reject.LENGTH: Fault.JOINT_LENGTH,
     Reject.STALE: Fault.JOINT_COUNTER,
@@ -58,7 +56,6 @@ class JointBusSource:
         health: HealthConfig | None = None,
     ) -> None:
         health = health or HealthConfig()
-        self._bus = bus
         self._watch = BusWatch(
             bus.name,
             {config.node_id: config.name for _, config in joints if config.node_id is not None},
@@ -81,10 +78,8 @@ class JointBusSource:
         self._lengths = np.where(is_fd, JOINT_FD.length, JOINT.length)
         self._counts = Counters()  # of frames of no configured joint
         self._states: dict[int, int] = {}
-        self._other_frames = 0
-        self._errors = BusErrors()
-        self._torque_unusable = 0
-        self._events: deque[tuple[str, str, str]] = deque(maxlen=MAX_EVENTS)
+        self._reports = BusReports(bus.name)
+        self.events = self._reports.events
         self._slow: dict[int, NDArray[np.uint8]] = {}  # data of the newest TPDO2, by place
 
     @property
@@ -96,11 +91,7 @@ class JointBusSource:
         out["sync_lost"] = self._syncs.lost
         out["sync_invalid"] = self._syncs.invalid
         out["sync_echoes"] = self._syncs.echoes
-        out["other_frames"] = self._other_frames
-        out["error_frames"] = self._errors.frames
-        out.update({f"can_{name}": count for name, count in self._errors.counts.items()})
-        out["torque_unusable"] = self._torque_unusable
-        return out
+        return out | self._reports.counters()
 
     @property
     def joint_counters(self) -> dict[int, dict[str, int]]:
@@ -128,12 +119,6 @@ class JointBusSource:
                 "temperature_degc": temperature,
             }
         return values
-
-    def events(self) -> list[tuple[str, str, str]]:
-        """Return the events since the last call: severity, code and text of each."""
-        out = list(self._events)
-        self._events.clear()
-        return out
 
     def findings(self) -> list[Finding]:
         """Return the findings since the last call."""
@@ -173,7 +158,7 @@ class JointBusSource:
 
     def _slow_values(self, frames: FrameArray) -> None:
         """Keep the newest TPDO2 of every joint; `motor_side` decodes it."""
-        self._other_frames += len(frames)
+        self._reports.other_frames += len(frames)
         whole = picked(frames, frames["length"] == JOINT_SLOW.length)
         places = self._place[whole["word"] & canopen.NODE_MASK].tolist()
         self._slow.update(zip(places, whole["data"], strict=True))
@@ -201,9 +186,10 @@ class JointBusSource:
                 continue
             frame = frame_at(frames, row)
             if frame.is_error:
-                self._error(frame)
+                if (found := self._reports.error(frame)) is not None:
+                    self._watch.find(frame.t_ns, found[0], None, found[1])
             elif frame.is_remote or frame.is_extended:
-                self._other_frames += 1
+                self._reports.other_frames += 1
                 others.append(Mark(row, t_ns))
             else:
                 others += self._route(frame, row)
@@ -218,15 +204,6 @@ class JointBusSource:
             text = f"sample of node 0x{frame.can_id & canopen.NODE_MASK:02x}"
             self._watch.find(frame.t_ns, Fault.NODE_UNKNOWN, None, text)
         return [Mark(row, int(frames["t_ns"][row])) for row in rows.tolist()]
-
-    def _error(self, frame: CanFrame) -> None:
-        """Accept an error frame of the bus controller."""
-        for severity, code, text in self._errors.feed(frame):
-            self._events.append((severity, code, f"{self._bus.name}: {text}"))
-        if frame.can_id & ERROR_BUS_OFF:
-            self._watch.find(frame.t_ns, Fault.BUS_OFF, None, "the controller went bus-off")
-        elif not frame.can_id & ERROR_RESTARTED:
-            self._watch.find(frame.t_ns, Fault.BUS_ERRORS, None, f"class 0x{frame.can_id:03x}")
 
     def _answers(
         self,
@@ -309,7 +286,7 @@ class JointBusSource:
     ) -> None:
         """Count and report accepted samples whose torque cannot be used."""
         for place in places:
-            self._torque_unusable += 1
+            self._reports.torque_unusable += 1
             bits = int(status[place])
             overload = bits & canopen.STATUS_TORQUE_OVERLOAD
             fault = Fault.TORQUE_OVERLOAD if overload else Fault.TORQUE_FAULT
@@ -330,7 +307,7 @@ class JointBusSource:
 
     def _route(self, frame: CanFrame, row: int) -> list[Mark]:
         """Accept emergencies and heartbeats; return a mark of a boot-up or an unknown node."""
-        self._other_frames += 1
+        self._reports.other_frames += 1
         function, node = frame.can_id & canopen.FUNCTION_MASK, frame.can_id & canopen.NODE_MASK
         place = int(self._place[node])
         if place < 0:
@@ -354,4 +331,4 @@ class JointBusSource:
 
     def _event(self, severity: str, code: str, track: JointTrack, text: str) -> None:
         name = f"{track.config.name} (node 0x{track.config.node_id:02x})"
-        self._events.append((severity, code, f"{self._bus.name}: {name}: {text}"))
+        self._reports.event(severity, code, f"{name}: {text}")

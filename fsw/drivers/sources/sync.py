@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.config import BusConfig
-from fsw.drivers.codecs.canopen import decode_sync
+from fsw.drivers.codecs.canopen import COB_SYNC, decode_sync
 from fsw.drivers.sources.sync_pace import SyncPace
-from fsw.drivers.wire import Reject
+from fsw.drivers.wire import FrameArray, Reject
 from fsw.messages import IntArray
 
 MAX_AGE_S = 0.4
@@ -61,6 +61,14 @@ class SyncHistory:
         self._new.append((counter, t_ns, row))
         self.count += 1
         return True
+
+    def note(self, frames: FrameArray) -> int | None:
+        """Accept the SYNCs of a batch; return the stamp of the last one, None without any."""
+        t_ns = None
+        for row in np.flatnonzero(frames["word"] == COB_SYNC).tolist():
+            length, t_ns = int(frames["length"][row]), int(frames["t_ns"][row])
+            self.add(frames["data"][row, :length].tobytes(), t_ns, row)
+        return t_ns
 
     def follow(self, counters: list[int], stamps_ns: list[int], rows: list[int]) -> bool:
         """Accept SYNCs with consecutive counters; else return False and change nothing.

@@ -66,11 +66,8 @@ class ThrusterBusSource:
 
     def feed(self, frames: FrameArray) -> ThrusterSamples:
         """Accept frames in order, SYNCs among them, and return the states they hold."""
-        words, data = frames["word"], frames["data"]
-        for row in np.flatnonzero(words == canopen.COB_SYNC).tolist():
-            length = int(frames["length"][row])
-            self._now_ns = int(frames["t_ns"][row])
-            self._syncs.add(data[row, :length].tobytes(), self._now_ns, row)
+        words = frames["word"]
+        self._now_ns = self._syncs.note(frames) or self._now_ns
         is_report = words & ~np.uint32(canopen.NODE_MASK) == canopen.COB_TPDO1
         rows = np.flatnonzero(is_report & np.isin(words & canopen.NODE_MASK, list(self._nodes)))
         own, found = frames.take(rows), list[tuple[int, int, int, float, float]]()

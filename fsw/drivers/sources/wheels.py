@@ -60,10 +60,7 @@ class WheelBusSource:
     def feed(self, frames: FrameArray) -> WheelSamples:
         """Accept frames in order, SYNCs among them, and return the samples they hold."""
         words, data = frames["word"], frames["data"]
-        for row in np.flatnonzero(words == canopen.COB_SYNC).tolist():
-            length = int(frames["length"][row])
-            self._now_ns = int(frames["t_ns"][row])
-            self._syncs.add(data[row, :length].tobytes(), self._now_ns, row)
+        self._now_ns = self._syncs.note(frames) or self._now_ns
         function, place = words & ~np.uint32(canopen.NODE_MASK), np.full(len(frames), -1)
         base = words <= canopen.COB_HEARTBEAT | canopen.NODE_MASK
         place[base] = self._place[words[base] & canopen.NODE_MASK]
