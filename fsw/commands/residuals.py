@@ -75,20 +75,23 @@ def channel_residuals(
     numpy.linalg.LinAlgError if the base has no inertia in this state.
     """
     torques = problem.model.torque_units
-    parts: list[tuple[FloatArray, FloatArray]] = []
+    sensors = [(f"{name}.{axis}", unit) for (name, unit), axis in product(SENSORS, "xyz")]
+    t_ns = np.concatenate([block.t_ns for block in blocks])
+    values, sigmas = np.empty((2, len(t_ns), len(torques) + len(sensors)))
+    stop = 0
     before: Impulse | None = None
     noisy, _ = with_noise_found(problem, blocks)
     for first in range(0, len(noisy), MOST_BLOCKS):
         for stack in stacks_of(noisy[first : first + MOST_BLOCKS]):
             value, sigma, before = _stacked(stack, x, problem, covariance, before)
-            parts.append((value, sigma))
-    sensors = [(f"{name}.{axis}", unit) for (name, unit), axis in product(SENSORS, "xyz")]
+            own = slice(stop, stop := stop + len(value))
+            values[own], sigmas[own] = value, sigma
     return ChannelResiduals(
         names=(*(f"torque.{name}" for name in torques), *(name for name, _ in sensors)),
         units=(*torques.values(), *(unit for _, unit in sensors)),
-        t_ns=np.concatenate([block.t_ns for block in blocks]),
-        value=np.concatenate([value for value, _ in parts]),
-        sigma=np.concatenate([sigma for _, sigma in parts]),
+        t_ns=t_ns,
+        value=values,
+        sigma=sigmas,
     )
 
 

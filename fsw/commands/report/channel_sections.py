@@ -30,7 +30,7 @@ def residuals(c: Collected) -> Section:
     t_s = np.array(times_s(r.t_ns.tolist(), c.result.start_ns))
     for k, (name, plain) in enumerate(zip(r.names, r.units, strict=True)):
         unit = plain.replace("2", "²")
-        value, ratio = r.value[:, k], r.normalised[:, k]
+        value, ratio = r.value[:, k], r.value[:, k] / r.sigma[:, k]
         used = np.isfinite(ratio)
         if used.sum() < 2:
             rows.append((name, unit, "0", "-", "-", "-"))

@@ -1,7 +1,7 @@
 """Write a collected replay as tables (CSV, Parquet)."""
 
 import csv
-from collections.abc import Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,10 +14,10 @@ from fsw.exchange.status import body_sigma, body_values
 
 
 class Table(NamedTuple):
-    """Column names and rows; floats keep every digit."""
+    """Column names, and a function that yields the rows; floats keep every digit."""
 
     head: list[str]
-    rows: list[list[Any]]
+    rows: Callable[[], Iterator[list[Any]]]
 
 
 def tables(collected: Collected) -> dict[str, Table]:
@@ -33,20 +33,28 @@ def tables(collected: Collected) -> dict[str, Table]:
     bodies = [f"{body}_{name}" for body in collected.result.unknown for name in QUANTITIES]
     head = ["t_s", "valid", "reason", "nis", "nis_dof"]
     head += [*bodies, *(f"{name}_sigma" for name in bodies)]
-    rows = [
-        [seconds(e.t_ns), int(e.valid), ", ".join(e.reasons), e.nis, e.nis_dof]
-        + [x for b in e.bodies.values() for x in _flat(body_values(b).values())]
-        + [x for b in e.bodies.values() for x in _flat(body_sigma(b).values())]
-        for e in collected.estimates
-    ]
-    found = {"estimate": Table(head, rows)}
+
+    def estimates() -> Iterator[list[Any]]:
+        for e in collected.estimates:
+            own = [seconds(e.t_ns), int(e.valid), ", ".join(e.reasons), e.nis, e.nis_dof]
+            own += [x for b in e.bodies.values() for x in _flat(body_values(b).values())]
+            yield own + [x for b in e.bodies.values() for x in _flat(body_sigma(b).values())]
+
+    def events() -> Iterator[list[Any]]:
+        for e in collected.events:
+            yield [seconds(e.t_ns), e.severity, e.code, e.text]
+
+    found = {"estimate": Table(head, estimates)}
     r = collected.residuals
     if r is not None:
         units = [f"{n} [{u}]" for n, u in zip(r.names, r.units, strict=True)]
         head = ["t_s", *units, *(f"{name} sigma" for name in units)]
-        values = zip(r.t_ns.tolist(), r.value.tolist(), r.sigma.tolist(), strict=True)
-        found["residuals"] = Table(head, [[seconds(t), *value, *sig] for t, value, sig in values])
-    events = [[seconds(e.t_ns), e.severity, e.code, e.text] for e in collected.events]
+
+        def residuals() -> Iterator[list[Any]]:
+            for t_ns, value, sigma in zip(r.t_ns, r.value, r.sigma, strict=True):
+                yield [seconds(int(t_ns)), *value.tolist(), *sigma.tolist()]
+
+        found["residuals"] = Table(head, residuals)
     return found | {"events": Table(["t_s", "severity", "code", "text"], events)}
 
 
@@ -68,7 +76,7 @@ def write_tables(collected: Collected, stem: Path, kinds: Collection[str]) -> li
             if kind == "csv":
                 write_csv(table, written[-1])
             else:
-                columns = zip(*table.rows, strict=True) if table.rows else ([] for _ in table.head)
+                columns = list(zip(*table.rows(), strict=True)) or [()] * len(table.head)
                 write_parquet(written[-1], dict(zip(table.head, columns, strict=True)))
     return written
 
@@ -78,4 +86,4 @@ def write_csv(table: Table, path: Path) -> None:
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(table.head)
-        writer.writerows(table.rows)
+        writer.writerows(table.rows())

@@ -58,8 +58,8 @@ function makeDesk(place, words) {
       const lines = [...(told.reports ?? []), ...(told.answers ?? [])].map(
         ({ packet, values: found }) => `${packet.replaceAll('_', ' ')}  ${shown(found)}`);
       outcome.textContent = [`${name}: ${told.outcome ?? told.error}`, ...lines].join('\n');
-    } catch (error) {
-      outcome.textContent = `${name}: no gateway (${error}); what became of it is not known`;
+    } catch {
+      outcome.textContent = `${name}: no answer from the gateway; events say whether the command was executed`;
     }
     ask();
   }
