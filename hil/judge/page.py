@@ -44,7 +44,7 @@ def save(story: Story, outcome: Mapping[str, Any], sections: Sequence[Section], 
         [point.t_s, int(point.valid), *_joined(point.reports), *_joined(point.sigmas), *truth]
         for point in story.points
     ]
-    write_csv(Rows(head, rows), path.with_suffix(".csv"))
+    write_csv(Rows(head, lambda: iter(rows)), path.with_suffix(".csv"))
 
 
 def _joined(bodies: Mapping[str, FloatArray]) -> list[float]:

@@ -211,4 +211,4 @@ def _table(rows: Sequence[Row]) -> Rows:
     for row in rows:
         held = [row[key][k] if k < len(row.get(key, ())) else "" for key, k in lists]
         table.append([*(row.get(key, "") for key in plain), *held])
-    return Rows(head, table)
+    return Rows(head, lambda: iter(table))

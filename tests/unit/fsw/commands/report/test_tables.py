@@ -36,6 +36,6 @@ def test_a_long_table_is_written_row_by_row(tmp_path) -> None:
     assert peak < BOUND * NODES
     with (tmp_path / "own_residuals.csv").open(encoding="utf-8", newline="") as file:
         head, *rows = csv.reader(file)
-    assert head[:2] == ["t_s", "torque.joint1 [N m]"]
+    assert head[:2] == ["t_s", "torque.joint0 [N m]"]
     assert len(rows) == NODES
     assert [float(x) for x in rows[-1]] == [0.05 * (NODES - 1), *value[-1], *sigma[-1]]
