@@ -131,8 +131,9 @@ class _Flight:
         """Return the problem with only `rest` of a section, and the error if `values` have all."""
         config = self.config.model_copy(update={section: rest})
         problem = problem_of(config, self.problem.model)
-        blocks = measured(blocks_along(config, problem, self.trajectory), values)
-        return problem, Information(problem, _method(config), blocks).shift(blocks)
+        blocks = blocks_along(config, problem, self.trajectory)
+        own = Information(problem, _method(config), blocks)
+        return problem, own.shift(measured(blocks, values))
 
 
 def problem_of(config: Config, model: RobotModel) -> Problem:

@@ -70,7 +70,6 @@ class _Sample:
     p_tool: ca.SX
     H_bb: ca.SX  # Cholesky factor of H_bb
     H_bm: ca.SX
-    H_m: ca.SX
     Y_h: ca.SX  # (6, p)
     Y: ca.SX  # (6 + n, p)
     C_w: ca.SX  # (6 + n, 3)
@@ -95,8 +94,8 @@ def build_kernel(
     inputs = [q, qd, qdd, x]
     motion = ca.vertcat(q, qd, qdd)
     g = ca.vertcat(s.tau, s.w, s.a[3:], s.p_tool, s.a[:3])
-    y, J, D = _rows(s, noise)
-    X = _whitened(J, D, noise, s)
+    y, J = _rows(s, noise)
+    X = _whitened(J, noise, s)
     J_tau = J[:n, :]
     return Kernel(
         n=n,
@@ -136,7 +135,7 @@ def _sample(
     M = [spatial_inertia(pi, *frame) for pi, frame in zip(bodies, frames, strict=True)]
     if target is not None:
         M[arm.tool_body] = M[arm.tool_body] + M.pop()
-    H_bb, H_bm, H_m = _mass_matrix(M, at)
+    H_bb, H_bm = _mass_matrix(M, at)
     root = cholesky(H_bb)
     nu = -solve(root, H_bm @ qd)
     forces, C_w, V, A = _bias_forces(at, M, (nu[3:], qd, qdd))
@@ -161,26 +160,22 @@ def _sample(
         p_tool=at.p_tool,
         H_bb=root,
         H_bm=H_bm,
-        H_m=H_m,
         Y_h=ca.horzcat(*momenta),
         Y=ca.horzcat(*columns),
         C_w=C_w,
     )
 
 
-def _mass_matrix(M: list[ca.SX], at: Pose) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Return H_bb, H_bm, H_m from the bodies' inertias by composite sums (CRBA)."""
+def _mass_matrix(M: list[ca.SX], at: Pose) -> tuple[ca.SX, ca.SX]:
+    """Return H_bb and H_bm from the bodies' inertias by composite sums (CRBA)."""
     n, composite = len(at.S), list(M)
-    H_m = ca.SX(n, n)
     columns: list[ca.SX] = []
     for k in range(n - 1, -1, -1):
         F = composite[k + 1] @ at.S[k]
         columns.insert(0, F)
-        for i in at.ancestors(k + 1):
-            H_m[i, k] = H_m[k, i] = ca.dot(at.S[i], F)
         parent = at.parents[k]
         composite[parent] = composite[parent] + composite[k + 1]
-    return composite[0], ca.horzcat(*columns), H_m
+    return composite[0], ca.horzcat(*columns)
 
 
 def _bias_forces(
@@ -214,8 +209,8 @@ def _bias_forces(
     return stacked[:, 0], stacked[:, 1:], V, A
 
 
-def _rows(s: _Sample, noise: NoiseModel) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Return predictions [tau; f; w], their Jacobian by x, and d[tau; f; w]/d qdd."""
+def _rows(s: _Sample, noise: NoiseModel) -> tuple[ca.SX, ca.SX]:
+    """Return predictions [tau; f; w] and their Jacobian by x."""
     r = ca.SX(noise.p_BS_m)
     R = ca.skew(r)
     J_nu = -solve(s.H_bb, s.Y_h)
@@ -225,18 +220,12 @@ def _rows(s: _Sample, noise: NoiseModel) -> tuple[ca.SX, ca.SX, ca.SX]:
     centripetal = -ca.skew(ca.cross(s.w, r)) - ca.skew(s.w) @ R
     J_f = J_a[:3, :] - R @ J_a[3:, :] + centripetal @ J_w
     f = s.a[:3] + ca.cross(s.a[3:], r) + ca.cross(s.w, ca.cross(s.w, r))
-    N = -solve(s.H_bb, s.H_bm)
-    D = ca.vertcat(s.H_m + s.H_bm.T @ N, N[:3, :] - R @ N[3:, :], N[3:, :])
-    return ca.vertcat(s.tau, f, s.w), ca.vertcat(J_tau, J_f, J_w), D
+    return ca.vertcat(s.tau, f, s.w), ca.vertcat(J_tau, J_f, J_w)
 
 
-def _whitened(J: ca.SX, D: ca.SX, noise: NoiseModel, s: _Sample) -> ca.SX:
-    """Return [J, nuisance columns] whitened by white noise and the joints' own derivative noise.
-
-    The last three rows of D are d w/d qd. The gyro's rows are whitened separately from those of
-    torque and accelerometer, because the errors of qd and qdd in a window are uncorrelated.
-    """
-    n = s.H_m.shape[0]
+def _whitened(J: ca.SX, noise: NoiseModel, s: _Sample) -> ca.SX:
+    """Return [J, nuisance columns] whitened by the sensors' white noise."""
+    n = s.tau.shape[0]
     columns = [J]
     if noise.torque_offset:
         columns.append(ca.vertcat(ca.SX.eye(n), ca.SX(6, n)))
@@ -248,17 +237,7 @@ def _whitened(J: ca.SX, D: ca.SX, noise: NoiseModel, s: _Sample) -> ca.SX:
         columns.append(_momentum_columns(s, ca.SX(noise.p_BS_m)))
     if noise.torque_scale:
         columns.append(ca.vertcat(ca.diag(s.tau), ca.SX(6, n)))
-    stacked = ca.horzcat(*columns)
-    force, rate = D[: n + 3, :], D[n + 3 :, :]
-    white = ca.diag(ca.SX(noise.white[: n + 3]))
-    rows = []
-    for share, gains in zip(noise.shares, noise.joint_acceleration, strict=True):
-        S = white + force @ ca.diag(ca.SX(gains)) @ force.T
-        rows.append(float(share**0.5) * forward(cholesky(S), stacked[: n + 3, :]))
-    S_rate = ca.diag(ca.SX(noise.white[n + 3 :]))
-    S_rate = S_rate + rate @ ca.diag(ca.SX(noise.joint_rate)) @ rate.T
-    rows.append(forward(cholesky(S_rate), stacked[n + 3 :, :]))
-    return ca.vertcat(*rows)
+    return ca.diag(ca.SX(noise.white**-0.5)) @ ca.horzcat(*columns)
 
 
 def _momentum_columns(s: _Sample, r: ca.SX) -> ca.SX:

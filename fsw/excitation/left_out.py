@@ -45,6 +45,7 @@ class Information:
         self._rows = row_function(method, "eiv", problem)
         found = stack(self._rows, blocks, problem.prior_mean)
         self._A = np.concatenate([own.A for own in found])
+        self._b = np.concatenate([own.b for own in found])
         self._whole: tuple[FloatArray, FloatArray] | None = None
 
     def without(self, states: IntArray, apart: IntArray) -> Shift:
@@ -60,12 +61,13 @@ class Information:
         return Shift(error, sigma)
 
     def shift(self, blocks: Sequence[Block]) -> Shift:
-        """Return the estimate's step for blocks whose measurements the model does not predict."""
+        """Return by how much the estimate differs for other measurements in the same blocks."""
         if self._whole is None:
             self._whole = self._solved(np.arange(len(self.problem.names)))
         R, back = self._whole
         found = stack(self._rows, blocks, self.problem.prior_mean)
-        return Shift(back @ np.concatenate([own.b for own in found]), _sigma(R))
+        b = np.concatenate([own.b for own in found])
+        return Shift(back @ (b - self._b), _sigma(R))
 
     def _solved(self, kept: IntArray) -> tuple[FloatArray, FloatArray]:
         """Return the information root of the states `kept`, and P A^T for these states."""
