@@ -62,7 +62,5 @@ DIALECT = Dialect(
     messages=_messages,
     joint=_joint,
     torque_step_nm=_step("torque"),
-    # rounding without dither is no white noise where a joint is slow: once a step, as for the
-    # other dialects, two of six flights report a change of the target that there is not
-    position_step_rad=2.0 * _step("position"),
+    position_step_rad=_step("position"),
 )
