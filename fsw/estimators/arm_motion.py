@@ -14,18 +14,19 @@ from fsw.estimators.polynomial import EXTRA_DEGREE
 from fsw.estimators.reversal import doubt, step
 from fsw.estimators.speed_motion import SpeedMotion
 from fsw.estimators.standstill import Standstills
+from fsw.estimators.truncation import omitted
 from fsw.estimators.window_fit import NO_FIT, ChannelFit, Fitted, Instants, Wanted
 from fsw.messages import FloatArray, Window
 from fsw.messages.findings import Fault
 
 STILL_PROBABILITY = 1e-6  # of calling a joint at rest a moving one, per window
-ANGLE_NOISE_RAD = 1e-5  # of a sample; above it a block has the covariance of angles too
 SPIKE_RATIO = 0.05  # of a window's samples; more outliers mean that the channel is not to be used
 MIN_SPIKES = 3
 SURPLUS_RATIO = 0.01  # share of surplus samples above which a window does not count for the noise
 LACKING_RATIO = 0.25  # share of missing samples, likewise
 LEAST_STEP = 0.05  # of a sample's noise: friction that reverses by more does not count for it
 MOTION = (0, 1, 2)  # derivatives of a joint's position
+ORDERS = (1, 2, 0)  # of the covariance of a joint's motion
 OF_SPEED = (-1, 0, 1)  # the same derivatives, counted from its speed
 SPEED_EXTRA_DEGREE = 1  # of a speed's polynomial over a torque's: its first derivative is used
 
@@ -72,8 +73,6 @@ class ArmConditioner:
         joints = tuple(config.joints[k] for k in order)
         rates_hz = {bus.name: bus.rate_hz for bus in config.buses}
         self.speeds = SpeedMotion(joints, self._nodes, rates_hz)
-        noisy = any(joint.position_sigma_rad > ANGLE_NOISE_RAD for joint in joints)
-        self._orders = (1, 2, 0) if noisy or self.speeds.own else (1, 2)
         self._position_sigma = np.array(
             [joint.speed_noise_rad_s or joint.position_noise_rad for joint in joints]
         )
@@ -139,13 +138,16 @@ class ArmConditioner:
         """Return the arm from its fits, and the samples left out; None: a position is unknown."""
         n, removed = len(asked.counts), list[tuple[int, Fault, int]]()
         readings = np.ones(n)  # samples that repeat one torque reading
+        repeats = np.ones(n)  # samples that share one rounding error of an angle
         positions, torques, products = [NO_FIT] * n, [NO_FIT] * n, np.zeros((len(LAGS), n))
         for found, own, is_motion, wanted in zip(
             fitted, asked.own, asked.is_motion, asked.wanted, strict=True
         ):
             for k, channel in zip(own, found.channels, strict=True):
                 (positions if is_motion else torques)[k] = channel
-            if not is_motion:
+            if is_motion:
+                repeats[own] = [held_samples(column) for column in wanted.values.T]
+            else:
                 products[:, own] = found.products
                 is_held = (wanted.values == wanted.values[:1]).all(axis=0)
                 readings[own] = np.where(is_held, max(len(wanted.values), 1), 1.0)
@@ -160,31 +162,37 @@ class ArmConditioner:
             tells = asked.gated and tells_of_noise(count / self._samples[k])
             if torques[k].fit is None or torques[k].removed or not tells:
                 products[:, k] = 0.0
-        return self._joined(positions, torques, products, readings, (start_ns, stop_ns)), removed
+        held = repeats, readings
+        return self._joined(positions, torques, products, held, (start_ns, stop_ns)), removed
 
     def _joined(
         self,
         positions: list[ChannelFit],
         torques: list[ChannelFit],
         products: FloatArray,
-        readings: FloatArray,
+        held: tuple[FloatArray, FloatArray],
         bounds_ns: tuple[int, int],
     ) -> Arm:
-        m, n = self._nodes, len(positions)
+        m, n, half_s = self._nodes, len(positions), (bounds_ns[1] - bounds_ns[0]) * 0.5e-9
+        repeats, readings = held
         if n == 0:
-            return _no_arm(m, len(self._orders) * m)
+            return _no_arm(m, len(ORDERS) * m)
         fits = [position.fit for position in positions if position.fit is not None]
         motion = np.concatenate([position.values for position in positions], axis=1)
         sigmas, of_speed = self._position_sigma, self.speeds.own
         # an error of the time is one of the position by as much as the joint moves meanwhile
-        moving = np.hypot(sigmas, self._stamp_s * np.sqrt(np.mean(motion[m : 2 * m] ** 2, axis=0)))
+        stamps = self._stamp_s * np.sqrt(np.mean(motion[m : 2 * m] ** 2, axis=0))
+        moving = np.hypot(sigmas * np.sqrt(repeats), stamps)
         is_resting = np.zeros(n, np.bool_)
-        cov_joint = np.empty((n, len(self._orders) * m, len(self._orders) * m))
+        cov_joint = np.empty((n, len(ORDERS) * m, len(ORDERS) * m))
         for fit in dict.fromkeys(fits):
             own = np.array([k for k in range(n) if fits[k] is fit])
             is_speed = own[0] in of_speed  # joints with and without positions share no fit
-            orders = tuple(order - is_speed for order in self._orders)
+            orders = tuple(order - is_speed for order in ORDERS)
             cov_joint[own] = moving[own, None, None] ** 2 * fit.covariance(orders, 1.0)
+            of_fit = motion.reshape(len(MOTION), m, n)[list(ORDERS)][:, :, own]
+            degree = fit.fit.degree + is_speed
+            cov_joint[own] += omitted(of_fit, degree, half_s, moving[own], fit.fit.samples)
             if is_speed:
                 continue
             white = fit.whitener((1, 2)) @ motion[m:, own]
@@ -192,6 +200,7 @@ class ArmConditioner:
             resting = own[np.sum(white**2, axis=0) <= limits]
             is_resting[resting] = True
             motion[m:, resting] = 0.0  # a joint at rest has no rate and acceleration
+            motion[:m, resting] = motion[:m, resting].mean(axis=0)
         tau, cov_tau = np.zeros((m, n)), np.empty((n, m, m))
         for k, torque in enumerate(torques):
             if torque.fit is not None:
@@ -220,6 +229,22 @@ class ArmConditioner:
             tau_products_nm2=products,
             has_joint=np.array([torque.fit is not None for torque in torques]),
         )
+
+
+def held_samples(values: FloatArray) -> float:
+    """Return how many samples (k,) share one rounding error, on average over the samples.
+
+    All samples of a run at one count share theirs, unless the angle passes through the count: then
+    the errors sweep the whole step, and their mean is that of independent ones or nearer to zero.
+    """
+    steps = np.diff(values)
+    ends = np.flatnonzero(steps)
+    if len(ends) == len(steps):
+        return 1.0
+    runs = np.diff(np.concatenate([[-1], ends, [len(steps)]])).astype(np.float64)
+    signs = np.sign(steps[ends])
+    passed = np.concatenate([[False], signs[1:] == signs[:-1], [False]])[: len(runs)]
+    return float(np.sum(np.where(passed, runs, runs**2)) / len(values))
 
 
 def is_doubtful(removed: int, samples: int) -> bool:

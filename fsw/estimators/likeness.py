@@ -64,6 +64,7 @@ def likeness(
     covariance: FloatArray,
     level: float,
     nodes: int,
+    edges: Sequence[int] = (),
     *,
     repeats: bool = False,
 ) -> Likeness:
@@ -77,29 +78,48 @@ def likeness(
     level : variance of the noise over the declared one
     nodes : number of nodes per block; rows are in the order of nodes, then kinds; rows of another
         order, as of modes, are each a kind of their own
+    edges : number of last rows per block that are those of its edge, each a kind of its own
     repeats : whether the residuals repeat with the motion, so that no lag is too long to count
     """
     size = max(map(len, residuals))
-    nodes = nodes if size % nodes == 0 else 1
     whole = [k for k, rows in enumerate(residuals) if len(rows) == size]
     A = np.array([jacobians[k] for k in whole]) / np.sqrt(level)
     b = np.array([residuals[k] for k in whole]) / np.sqrt(level)
-    p = A.shape[2]
-    A, b = A.reshape(len(whole) * nodes, -1, p), b.reshape(len(whole) * nodes, -1)
+    inner = size - (edges[whole[-1]] if edges else 0)
+    split = nodes if inner % nodes == 0 else 1
+    found = [_one_kind(A[:, :inner], b[:, :inner], split, repeats=repeats)]
+    if inner < size:
+        found.append(_one_kind(A[:, inner:], b[:, inner:], 1, repeats=repeats))
+    excess, first, *halves = (sum(every) for every in zip(*found, strict=True))
+    return Likeness(excess=excess, halves=_disagreement(first, halves[:2], halves[2:], covariance))
+
+
+def _one_kind(A: FloatArray, b: FloatArray, nodes: int, *, repeats: bool) -> tuple[FloatArray, ...]:
+    """Return excess, first half's score, and both halves' information and excess, of some rows."""
+    count, size, p = A.shape
+    A, b = A.reshape(count * nodes, size // nodes, p), b.reshape(count * nodes, -1)
     fading = _autocovariance(b)
-    middle = len(whole) // 2 * nodes
-    parts = [_excess(A[:middle], fading), _excess(A[middle:], fading)]
-    information = [np.einsum("nci,ncj->ij", one, one) for one in (A[:middle], A[middle:])]
-    first = np.einsum("nci,nc->i", A[:middle], b[:middle])
+    middle = count // 2 * nodes
+    halves = A[:middle], A[middle:]
     excess = _excess(A, fading)
     if repeats:
         values, vectors = np.linalg.eigh(_excess(A, _lagged(b)) - excess)
         excess = excess + (vectors * np.maximum(values, 0.0)) @ vectors.T
-    return Likeness(excess=excess, halves=_disagreement(first, information, parts, covariance))
+    return (
+        excess,
+        np.einsum("nci,nc->i", A[:middle], b[:middle]),
+        *(np.einsum("nci,ncj->ij", one, one) for one in halves),
+        *(_excess(one, fading) for one in halves),
+    )
 
 
 def besides_torques(
-    residuals: Sequence[FloatArray], torques: Sequence[int], nodes: int, *, is_free: bool
+    residuals: Sequence[FloatArray],
+    torques: Sequence[int],
+    nodes: int,
+    edges: Sequence[int] = (),
+    *,
+    is_free: bool,
 ) -> list[FloatArray]:
     """Return the residuals that must be white: all but torques, of blocks that lack no channel.
 
@@ -110,13 +130,15 @@ def besides_torques(
     ----------
     torques : per block, number of leading rows of each node that are torques
     nodes : number of nodes per block
+    edges : per block, number of last rows, of its edge, in which the torques' residuals are too
     """
     size = max(map(len, residuals), default=0)
     whole = [k for k, rows in enumerate(residuals) if len(rows) == size]
     first = min((torques[k] for k in whole), default=0)
-    if is_free or size % nodes:
+    inner = size - (edges[whole[-1]] if edges and whole else 0)
+    if is_free or inner % nodes:
         return list(residuals)
-    return [residuals[k].reshape(nodes, -1)[:, first:].ravel() for k in whole]
+    return [residuals[k][:inner].reshape(nodes, -1)[:, first:].ravel() for k in whole]
 
 
 def widened(covariance: FloatArray, excess: FloatArray) -> FloatArray:
@@ -162,9 +184,10 @@ def unexplained(rows: Collection[Rows], blocks: Sequence[Block], nodes: int) -> 
 def _torques(rows: Rows, block: Block, nodes: int) -> FloatArray:
     """Return residuals, sigmas and readings (3, m, t) of a block's torques, NaN: missing."""
     found = np.full((3, *block.tau_nm.shape), np.nan)
-    root, has = np.asarray(rows.root), block.has_joint
+    at, has = rows.at_nodes, block.has_joint
+    root = np.asarray(at.root)
     sigma = np.sqrt(np.sum(root**2, axis=1))
-    for own, values in enumerate((root @ rows.b, sigma)):
+    for own, values in enumerate((root @ at.b, sigma)):
         found[own, :, has] = values.reshape(nodes, -1)[:, : rows.torques].T
     found[2, :, has] = block.tau_nm[:, has].T
     return found

@@ -60,6 +60,10 @@ class NodeFit:
     nodes : number of Gauss-Legendre nodes
     within : fit of a higher degree at the same instants; its factors contain those of this fit
 
+    Attributes
+    ----------
+    degree, samples : of the polynomial; number k of instants
+
     Raises
     ------
     numpy.linalg.LinAlgError if the instants are too close together for the degree.
@@ -74,6 +78,7 @@ class NodeFit:
         within: NodeFit | None = None,
     ) -> None:
         size = degree + 1
+        self.degree, self.samples = degree, t_s.shape[-1]
         self._half_width_s = half_width_s
         self._bases = _node_bases(nodes, degree)
         if within is None:

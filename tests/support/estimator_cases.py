@@ -151,7 +151,7 @@ def covariances() -> dict[str, FloatArray]:
     t = np.arange(-half, half - 1e-9, 1 / RATE_HZ) + 0.5 / RATE_HZ
     low, high = NodeFit(t, half, NODES - 1, NODES), NodeFit(t, half, NODES + 2, NODES)
     return {
-        "cov_joint": np.stack([high.covariance((1, 2), POSITION_NOISE_RAD)] * N),
+        "cov_joint": np.stack([high.covariance((1, 2, 0), POSITION_NOISE_RAD)] * N),
         "cov_tau": np.stack([low.covariance((0,), TORQUE_NOISE_NM)] * N),
         "cov_gyro": low.covariance((0, 1), GYRO_NOISE),
         "cov_acc": low.covariance((0,), ACC_NOISE),
@@ -191,14 +191,15 @@ def _factor(covariance: FloatArray) -> FloatArray:
 def noisy(block: Block, rng: np.random.Generator, biases: dict[str, FloatArray]) -> Block:
     """Return the block with Gaussian errors of its covariances and constant biases added."""
     m = len(block.t_ns)
-    joint = np.stack([_factor(c) @ rng.normal(size=2 * m) for c in block.cov_joint], axis=1)
+    joint = np.stack([_factor(c) @ rng.normal(size=len(c)) for c in block.cov_joint], axis=1)
     tau = np.stack([_factor(c) @ rng.normal(size=m) for c in block.cov_tau], axis=1)
     gyro = _factor(block.cov_gyro) @ rng.normal(size=(2 * m, 3))
     acc = _factor(block.cov_acc) @ rng.normal(size=(m, 3))
     return replace(
         block,
         qd_rad_s=block.qd_rad_s + joint[:m],
-        qdd_rad_s2=block.qdd_rad_s2 + joint[m:],
+        qdd_rad_s2=block.qdd_rad_s2 + joint[m : 2 * m],
+        q_rad=block.q_rad + (joint[2 * m :] if len(joint) > 2 * m else 0.0),
         tau_nm=block.tau_nm + tau + biases["torque"],
         w_NB_B_rad_s=block.w_NB_B_rad_s + gyro[:m] + biases["gyro"],
         wd_NB_B_rad_s2=block.wd_NB_B_rad_s2 + gyro[m:],

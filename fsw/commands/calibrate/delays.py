@@ -58,7 +58,11 @@ class DelayedRows(RowsFunction):
 
     def stacked(self, s: BlockStack, x: FloatArray, before: Impulse | None = None) -> list[Rows]:
         """Return the rows of each block in `s` for the state x (p,)."""
-        made = stacked_fused_rows(s, x, self._problem, before=before)
+        made = list[Rows]()
+        for block in s.blocks:  # motion is joined at no edge, because delays are not carried there
+            before = before and before.without_motion()
+            made += stacked_fused_rows(BlockStack((block,)), x, self._problem, before=before)
+            before = made[-1].after
         w, f = s.by_block(s.w_NB_B_rad_s), s.by_block(s.f_NS_B_m_s2)
         return [
             self._moved(rows, x, np.concatenate([force, rate], axis=1))

@@ -86,7 +86,8 @@ def _drift(problem: Problem) -> FloatArray:
 def _remedy(problem: Problem, rows: Collection[Rows]) -> str:
     """Return which torque fits worst, by how much, and what to declare; empty: no torque is off."""
     n = problem.model.n
-    whole = [(one.b, one.root) for one in rows if one.root is not None and one.torques >= n > 0]
+    nodes = [one.at_nodes for one in rows if one.torques >= n > 0]
+    whole = [(one.b, one.root) for one in nodes if one.root is not None]
     if not whole:
         return ""
     white = np.concatenate([b.reshape(problem.nodes, -1)[:, :n] for b, _ in whole])

@@ -342,12 +342,14 @@ def _likelihood(
 def _warm_start(
     problem: Problem, method: str, blocks: Sequence[Block], gate_probability: float
 ) -> FloatArray:
-    """Return the result of the linear method as a start; for RDA from some of the blocks.
+    """Return another method's result as a start: for RDA of all channels of some of the blocks.
 
-    For CE, whose likelihood is curved, all blocks are used, so that it ends nearer to the minimum.
+    For CE, whose likelihood is curved, the linear method has all blocks, so that it ends nearer to
+    the minimum.
     """
     some = blocks[:: max(1, len(blocks) // WARM_BLOCKS)] if method == "rda" else blocks
-    near = minimise(problem, Target(Linearisation(row_function("mrnea", "eiv", problem), some)))
+    rows = row_function("fused" if method == "rda" else "mrnea", "eiv", problem)
+    near = minimise(problem, Target(Linearisation(rows, some)))
     if near.status == "NOT_CONVERGED":  # blocks that do not fit may be why
         return _likelihood(problem, "mrnea", blocks, gate_probability, None).mean
     return near.mean

@@ -67,7 +67,7 @@ def settle(
         used, fitted = fitting(blocks, fits), fits
         target = Target(linear, fits, noise.variance)
         solution = minimise(problem, target, progress, start)
-        residuals = [part.b.copy() for part in linear(solution.mean)]
+        residuals = [part.b.copy() for every in linear.parts(solution.mean, fits) for part in every]
         left = list(compress(residuals, fits))
         if solution.status == "ABORTED":
             break

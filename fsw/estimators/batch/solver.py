@@ -60,7 +60,7 @@ class Target:
     def __call__(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return A (k, p) and b (k,) of all rows; of a long linearisation `reduced` ones."""
         first, found = 0, list[tuple[FloatArray, FloatArray]]()
-        for part in self._linear.parts(x):
+        for part in self._linear.parts(x, self._fits):
             fits = None if self._fits is None else self._fits[first : first + len(part)]
             first += len(part)
             used = part if fits is None else list(compress(part, fits))

@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 from fsw.estimators.effects.joint_torque import JointMotion
 from fsw.messages import Block, FloatArray
 
+NOISY_RAD = 2e-7
+
 
 def covariance_root(covariance: FloatArray) -> FloatArray:
     """Return F (..., k, k) with F F^T = covariance (..., k, k), which may be singular."""
@@ -30,7 +32,16 @@ def kind_of(block: Block) -> tuple[object, ...]:
     """Return a key that blocks of one stack have in common: shapes and usable channels."""
     usable = (block.has_gyro, block.has_accelerometer, block.has_attitude)
     shapes = (block.q_rad.shape, block.cov_joint.shape, block.cov_wheel.shape)
-    return (shapes, block.has_joint.tobytes(), usable, block.edges.shape)
+    return (shapes, block.has_joint.tobytes(), usable, block.edges.shape, angles_are_noisy(block))
+
+
+def angles_are_noisy(block: Block) -> bool:
+    """Return whether the errors of the angles are seen in the channels, beside those of rates."""
+    m = len(block.t_ns)
+    if block.cov_joint.shape[1:2] != (3 * m,):
+        return False
+    variances = np.einsum("jii->ji", block.cov_joint)[:, 2 * m :]
+    return bool(variances.max(initial=0.0) > NOISY_RAD**2)
 
 
 def stacks_of(blocks: Sequence[Block]) -> list[BlockStack]:
@@ -118,6 +129,11 @@ class BlockStack:
 
     @property
     def angles_are_noisy(self) -> bool:
+        """Return whether the blocks give the covariance of angles beside that of rates."""
+        return angles_are_noisy(self.blocks[0])
+
+    @property
+    def has_edges(self) -> bool:
         """Return whether the blocks give the covariance of angles beside that of rates."""
         return bool(self.blocks[0].cov_joint.shape[1] == 3 * self.m)
 

@@ -19,10 +19,10 @@ S (S^T H_bb S)^-1 S^T, and the base has the support's acceleration, minus gravit
 from dataclasses import replace
 
 import numpy as np
-from scipy.linalg.lapack import dpotrs
 
 from fsw.estimators.effects.joint_torque import added, fill_columns
 from fsw.estimators.measurement.block_stack import BlockStack
+from fsw.estimators.measurement.continuity import Joined
 from fsw.estimators.measurement.dynamics import dynamics, times
 from fsw.estimators.measurement.gains import angle_gain, by_place, state_gains, wheel_gain
 from fsw.estimators.measurement.impulse import (
@@ -31,7 +31,7 @@ from fsw.estimators.measurement.impulse import (
     needed,
 )
 from fsw.estimators.measurement.modes import Channels, released
-from fsw.estimators.measurement.motion_noise import residual_covariance, smoothed
+from fsw.estimators.measurement.motion_noise import by_motion, residual_covariance
 from fsw.estimators.measurement.mounting import (
     as_true,
     fill_angle_columns,
@@ -40,7 +40,7 @@ from fsw.estimators.measurement.mounting import (
     turn,
     with_bridges,
 )
-from fsw.estimators.measurement.mrnea import Rows, field, whitened
+from fsw.estimators.measurement.mrnea import Rows, field
 from fsw.estimators.measurement.prediction import CHANNELS, Prediction, Rate
 from fsw.estimators.measurement.wheels import turning
 from fsw.estimators.model.inertia import skew
@@ -246,16 +246,10 @@ def stacked_fused_rows(
     )
     r = r if use.all() else r[:, use]
     S = residual_covariance(s, prediction, use, rate)
-    L = np.asarray(np.linalg.cholesky(S), np.float64)
-    at, size = prediction, S.shape[1]
-    residuals = r.reshape(len(s.blocks), size)
-    if prediction.D_q is not None and size:  # LAPACK refuses a block without any channel
-        weighted = [dpotrs(root, own, lower=1)[0] for root, own in zip(L, residuals, strict=True)]
-        moved = smoothed(s, prediction, use, np.array(weighted).reshape(r.shape))
-        at = predict(moved, x, problem, rate, before)
+    size = S.shape[1]
+    joined = Joined(s, by_motion(prediction)[:, :, use], S, r, x, problem.window_s, before)
+    at = prediction
+    if prediction.D_q is not None and size:
+        at = predict(joined.likeliest, x, problem, rate, before)
     X = (at.J if use.all() else at.J[:, use]).reshape(len(s.blocks), size, len(x))
-    found = []
-    for root, columns, own, after in zip(L, X, residuals, prediction.each, strict=True):
-        A, b = whitened(root, columns, own)
-        found.append(Rows(A, b, after, root, use))
-    return found
+    return joined.rows(X, prediction.each, use)

@@ -4,8 +4,9 @@ The gyro channel depends on the momentum, so a moment acts on it through its int
 is carried from block to block by Gauss quadrature over the nodes, with its exact Jacobian.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from typing import Self
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -33,6 +34,9 @@ class Impulse:
     modes: FloatArray = field(default_factory=_nothing)  # (2 c,) coordinates, then rates
     J_modes: FloatArray = field(default_factory=_nothing)  # (2 c, p)
     doubt: FloatArray = field(default_factory=_nothing)  # (2 c,) variance beside the state's
+    motion: FloatArray = field(default_factory=_nothing)  # (2 n,) of the joints; see `continuity`
+    J_motion: FloatArray = field(default_factory=_nothing)  # (2 n, p)
+    cov_motion: FloatArray = field(default_factory=_nothing)  # (2 n, 2 n)
 
     def at(self, x: FloatArray) -> FloatArray:
         """Return the momentum (3,) at another state, to first order."""
@@ -43,6 +47,16 @@ class Impulse:
         """Return the modes (2 c,) at another state, to first order."""
         modes: FloatArray = self.modes + self.J_modes @ (x - self.x)
         return modes
+
+    def motion_at(self, x: FloatArray) -> FloatArray:
+        """Return the joints' positions and rates (2 n,) at another state, to first order."""
+        motion: FloatArray = self.motion + self.J_motion @ (x - self.x)
+        return motion
+
+    def without_motion(self) -> Self:
+        """Return the same without the joints' motion, as after a block that does not count."""
+        nothing = _nothing()
+        return replace(self, motion=nothing, J_motion=nothing, cov_motion=nothing)
 
 
 @lru_cache(maxsize=8)
@@ -55,6 +69,13 @@ def integration(nodes: int) -> tuple[FloatArray, FloatArray]:
         integral = legendre.legint(np.eye(nodes)[k], lbnd=-1)
         rows[:, k] = legendre.legval(points, integral)
     return rows @ to_coefficients, weights
+
+
+def span_ns(block: Block, window_s: float) -> tuple[int, int]:
+    """Return start and end of a block's window [ns]."""
+    centre_ns = (int(block.t_ns[0]) + int(block.t_ns[-1])) // 2
+    half_ns = round(0.5e9 * window_s)
+    return centre_ns - half_ns, centre_ns + half_ns
 
 
 def needed(problem: Problem) -> bool:
@@ -84,8 +105,7 @@ def momentum_at_nodes(
     T, J = _about(centres, block, problem, W, J_W)
     cumulative, weights = integration(len(T))
     half_s = 0.5 * problem.window_s
-    centre_ns = (int(block.t_ns[0]) + int(block.t_ns[-1])) // 2
-    start_ns, stop_ns = centre_ns - round(half_s * 1e9), centre_ns + round(half_s * 1e9)
+    start_ns, stop_ns = span_ns(block, problem.window_s)
     if before is None:
         before = Impulse(start_ns, np.zeros(3), np.zeros((3, len(x))), x)
     gap_s = max(0, start_ns - before.end_ns) * 1e-9

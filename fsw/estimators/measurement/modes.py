@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fsw.estimators.measurement.block_stack import BlockStack
-from fsw.estimators.measurement.impulse import Impulse, integration
+from fsw.estimators.measurement.impulse import Impulse, integration, span_ns
 from fsw.estimators.measurement.prediction import Rate
 from fsw.estimators.model.modes import Modes
 from fsw.estimators.model.problem import Problem, present
@@ -187,7 +187,9 @@ def _window(
     end += start
     end[:c] += problem.window_s * start[c:]
     p = len(x)
-    after = at.each[0] or Impulse(_span_ns(block, problem)[1], np.zeros(3), np.zeros((3, p)), x)
+    after = at.each[0] or Impulse(
+        span_ns(block, problem.window_s)[1], np.zeros(3), np.zeros((3, p)), x
+    )
     fading = np.exp(-2.0 * modes.damping_ratio * modes.rate_rad_s * problem.window_s)
     J_modes = J_end[:, 1 + 2 * c :] + J_end[:, 1 : 1 + 2 * c] @ J_start
     carried = replace(after, modes=end, J_modes=J_modes, doubt=doubt * np.tile(fading, 2))
@@ -224,13 +226,6 @@ def _modes(problem: Problem) -> Modes:
     return problem.modes
 
 
-def _span_ns(block: Block, problem: Problem) -> tuple[int, int]:
-    """Return start and end of a block's window [ns]."""
-    centre_ns = (int(block.t_ns[0]) + int(block.t_ns[-1])) // 2
-    half_ns = round(0.5e9 * problem.window_s)
-    return centre_ns - half_ns, centre_ns + half_ns
-
-
 def _start(
     block: Block, x: FloatArray, problem: Problem, before: Impulse | None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -239,7 +234,7 @@ def _start(
     size = states.stop - states.start
     if before is None or not len(before.modes):
         return x[states], np.eye(len(x))[states], np.zeros(size)
-    start_ns, stop_ns = _span_ns(block, problem)
+    start_ns, stop_ns = span_ns(block, problem.window_s)
     if start_ns - before.end_ns <= (stop_ns - start_ns) // 2:
         return before.modes_at(x), before.J_modes, before.doubt
     lasting = 1.0 / (2.0 * modes.damping_ratio * modes.rate_rad_s * problem.window_s)

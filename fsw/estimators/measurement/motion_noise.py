@@ -27,12 +27,13 @@ def residual_covariance(
         S[:, :, t + axis, :, t + axis] = s.cov_acc
         S[:, :, t + 3 + axis, :, t + 3 + axis] = s.cov_gyro[:, :m, :m]
     size = m * int(use.sum())
-    D = _by_motion(prediction)
+    D = by_motion(prediction)
     if not use.all():
         S, D = S[:, :, use][:, :, :, :, use], D[:, :, use]
     S = S.reshape(B, size, size)
     orders = len(D)
-    S += through(s, D, s.cov_joint.reshape(B, n, orders, m, orders, m)).reshape(B, size, size)
+    joint = s.cov_joint.reshape(B, n, -1, m, s.cov_joint.shape[2] // m, m)
+    S += through(s, D, joint[:, :, :orders, :, :orders]).reshape(B, size, size)
     if prediction.D_wheel is not None:
         D_h, k = prediction.D_wheel[:, :, use], s.cov_wheel.shape[1]
         S += through(s, D_h, s.cov_wheel.reshape(B, k, 2, m, 2, m)).reshape(B, size, size)
@@ -47,7 +48,7 @@ def residual_covariance(
     return S
 
 
-def _by_motion(prediction: Prediction) -> FloatArray:
+def by_motion(prediction: Prediction) -> FloatArray:
     """Return derivatives (2 or 3, m, t + 6, n) by qd, by qdd, and by q where angles are noisy."""
     m, rows, n = prediction.D_qd.shape
     D = np.zeros((2 if prediction.D_q is None else 3, m, rows, n))
@@ -57,19 +58,23 @@ def _by_motion(prediction: Prediction) -> FloatArray:
     return D
 
 
-def smoothed(
-    s: BlockStack, prediction: Prediction, use: NDArray[np.bool_], weighted: FloatArray
-) -> BlockStack:
+def smoothed(s: BlockStack, D: FloatArray, weighted: FloatArray, by_edge: FloatArray) -> BlockStack:
     """Return the blocks with joint motion re-estimated from weighted residuals S^-1 r (N, rows).
 
     A Jacobian evaluated at the measured motion shares the motion's noise with the residuals,
-    which shrinks the estimate; evaluated at z + Sigma D^T S^-1 r it does not. Source: mrnea.py.
+    which shrinks the estimate; evaluated at z + Sigma D^T S^-1 r - `by_edge` it does not, with
+    the share of the edge (B, n, 3 m, 1). A joint at rest stays there. Source: mrnea.py.
     """
     m, n, B = s.m, s.n, len(s.blocks)
-    D = _by_motion(prediction)[:, :, use]
-    drawn = np.einsum("dkrj,kr->kjd", D, weighted).reshape(B, m, n, 3)
+    drawn = np.zeros((B, m, n, 3))
+    drawn[..., : len(D)] = np.einsum("dkrj,kr->kjd", D, weighted).reshape(B, m, n, len(D))
     drawn = drawn.transpose(0, 2, 3, 1).reshape(B, n, 3 * m, 1)
-    step = (s.cov_joint @ drawn).reshape(B, n, 3, m).transpose(0, 2, 3, 1)
+    moves = (s.by_block(s.qd_rad_s) != 0.0).any(axis=1)  # (B, n)
+    step = (
+        (moves[:, :, None, None] * (s.cov_joint @ drawn - by_edge))
+        .reshape(B, n, 3, m)
+        .transpose(0, 2, 3, 1)
+    )
     return BlockStack(
         tuple(
             replace(

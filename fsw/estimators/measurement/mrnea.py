@@ -5,7 +5,8 @@ weightings: `ols` (the paper's, eqs. 8-16), `wls` (known output and input noise 
 `eiv` (errors in variables: base acceleration, rates and joint accelerations are noisy regressors).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,11 +40,21 @@ class Rows:
     root: FloatArray | None = None  # (k, k) lower root of the noise covariance that whitens
     use: NDArray[np.bool_] | None = None  # (n + 6,) channels at each node: torque, force, rate
     watched: FloatArray | None = None  # (k, q) whitened columns of what might creep; see `creep`
+    edge: int = 0  # number of the last rows, which join the motion to the block before
 
     @property
     def torques(self) -> int:
         """Number of leading rows of each node that are torques; 0 where rows combine channels."""
         return 0 if self.use is None else int(self.use[:-6].sum())
+
+    @property
+    def at_nodes(self) -> Self:
+        """The rows of the nodes, without those of the edge, by which they are not affected."""
+        if not self.edge:
+            return self
+        k, root = len(self.b) - self.edge, self.root
+        root = None if root is None else root[:k, :k]
+        return replace(self, A=self.A[:k], b=self.b[:k], root=root, edge=0)
 
 
 def base_acceleration(

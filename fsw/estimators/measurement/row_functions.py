@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
-from itertools import chain, compress, groupby
+from itertools import chain, compress, groupby, pairwise
 
 import numpy as np
 
@@ -43,8 +43,7 @@ class Linearisation:
     def __init__(self, rows: RowsFunction, blocks: Sequence[Block]) -> None:
         self._rows, self._blocks = rows, blocks
         self._is_long = len(blocks) > MOST_BLOCKS
-        self._stacks = [] if self._is_long else stacks_of(blocks)
-        self._x: FloatArray | None = None
+        self._key: tuple[bytes, bytes | None] | None = None
         self._found: list[Rows] = []
 
     def __len__(self) -> int:
@@ -55,25 +54,31 @@ class Linearisation:
         """Return the rows of the blocks for which `fits` holds (None: all), as `parts` does."""
         if self._is_long:
             return _Passes(self, x, fits)
-        found = self._kept(x)
+        found = self._kept(x, fits)
         return found if fits is None else list(compress(found, fits))
 
-    def parts(self, x: FloatArray) -> Iterator[list[Rows]]:
-        """Yield the rows of at most MOST_BLOCKS blocks, momentum carried from block to block."""
+    def parts(self, x: FloatArray, fits: Sequence[bool] | None = None) -> Iterator[list[Rows]]:
+        """Yield the rows of at most MOST_BLOCKS blocks, momentum carried from block to block.
+
+        All blocks have rows; those of a block that does not fit are not in the motion after it.
+        """
         if not self._is_long:
-            yield self._kept(x)
+            yield self._kept(x, fits)
             return
         before: Impulse | None = None
         for first in range(0, len(self._blocks), MOST_BLOCKS):
-            stacks = stacks_of(self._blocks[first : first + MOST_BLOCKS])
-            found, before = linearised(self._rows, stacks, x, before)
+            own = slice(first, first + MOST_BLOCKS)
+            found, before = linearised(
+                self._rows, self._blocks[own], x, before, None if fits is None else fits[own]
+            )
             yield found
 
-    def _kept(self, x: FloatArray) -> list[Rows]:
-        if self._x is None or self._x.tobytes() != x.tobytes():
-            self._x = None
-            self._found, _ = linearised(self._rows, self._stacks, x, None)
-            self._x = x.copy()
+    def _kept(self, x: FloatArray, fits: Sequence[bool] | None) -> list[Rows]:
+        key = x.tobytes(), None if fits is None or all(fits) else bytes(fits)
+        if self._key != key:
+            self._key = None
+            self._found, _ = linearised(self._rows, self._blocks, x, None, fits)
+            self._key = key
         return self._found
 
 
@@ -88,7 +93,7 @@ class _Passes(Collection[Rows]):
         return sum(self._fits)
 
     def __iter__(self) -> Iterator[Rows]:
-        every = chain.from_iterable(self._linear.parts(self._x))
+        every = chain.from_iterable(self._linear.parts(self._x, self._fits))
         return compress(every, self._fits)
 
     def __contains__(self, rows: object) -> bool:
@@ -96,15 +101,19 @@ class _Passes(Collection[Rows]):
 
 
 def usable_rows(
-    rows: RowsFunction, blocks: Sequence[Block], at: FloatArray, before: Impulse | None
+    rows: RowsFunction,
+    blocks: Sequence[Block],
+    at: FloatArray,
+    before: Impulse | None,
+    fits: Sequence[bool] | None = None,
 ) -> list[Rows]:
-    """Return the rows of consecutive blocks, momentum carried from block to block.
+    """Return `linearised` rows of consecutive blocks.
 
     Nothing if for one of them the base has no inertia there or the rows are not finite.
     """
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         try:
-            made, _ = linearised(rows, stacks_of(blocks), at, before)
+            made, _ = linearised(rows, blocks, at, before, fits)
         except ValueError:  # LinAlgError, or scipy's check of its input
             return []
     finite = all(np.all(np.isfinite(own.A)) and np.all(np.isfinite(own.b)) for own in made)
@@ -112,13 +121,21 @@ def usable_rows(
 
 
 def linearised(
-    rows: RowsFunction, stacks: Sequence[BlockStack], x: FloatArray, before: Impulse | None
+    rows: RowsFunction,
+    blocks: Sequence[Block],
+    x: FloatArray,
+    before: Impulse | None,
+    fits: Sequence[bool] | None = None,
 ) -> tuple[list[Rows], Impulse | None]:
-    """Return the rows of stacks, and the momentum gained after them."""
+    """Return the rows of consecutive blocks, and what they hand on; `fits`: see `parts`."""
     found = list[Rows]()
-    for s in stacks:
-        found += rows.stacked(s, x, before)
-        before = found[-1].after
+    ends = [k + 1 for k, fit in enumerate(fits or ()) if not fit]
+    for first, last in pairwise([0, *ends, len(blocks)]):
+        for s in stacks_of(blocks[first:last]):
+            found += rows.stacked(s, x, before)
+            before = found[-1].after
+        if last in ends and before is not None:
+            before = before.without_motion()
     return found, before
 
 

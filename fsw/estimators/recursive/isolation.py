@@ -76,6 +76,7 @@ class ChannelScreen:
 
         The parameters are those of `judge`. Rows without `root` or `use` give no ratio.
         """
+        rows = rows.at_nodes
         if rows.root is None or rows.use is None:
             return {}
         n, L, use = len(self._sensors), rows.root, rows.use

@@ -32,9 +32,9 @@ from fsw.estimators.recursive.snapshot import (
 from fsw.estimators.square_root import SquareRootInformation
 from fsw.messages import Block, FloatArray
 
-# rows of consecutive blocks at a state, given the momentum gained before them; nothing: the rows of
-# one of them are not usable there
-SafeRows = Callable[[Sequence[Block], FloatArray, Impulse | None], Sequence[Rows]]
+# rows of consecutive blocks at a state, given what is handed on to them, and which of them count;
+# nothing: the rows of one of them are not usable there
+SafeRows = Callable[[Sequence[Block], FloatArray, Impulse | None, Sequence[bool]], Sequence[Rows]]
 _COUNTS = ("passes", "failed", "rows", "_visited", "_total", "_failures", "at")
 _INFORMATION = ("prior", "data", "_retired", "_pass")
 _IMPULSES = ("gained", "_gained_retired", "_gained_in_pass")
@@ -58,16 +58,22 @@ class _Stored:
     made: bool = True
     root: FloatArray | None = None
     use: NDArray[np.bool_] | None = None
+    edge: int = 0
     scores: Scores | None = None
     fresh: Scores | None = None  # of a pass under way, which the estimate does not have yet
 
     def take(self, rows: Rows, at: FloatArray, *, in_pass: bool) -> None:
         """Replace the rows by those made at a state."""
         self.A, self.c, self.made = rows.A, rows.b + rows.A @ at, True
-        self.root, self.use = rows.root, rows.use
+        self.root, self.use, self.edge = rows.root, rows.use, rows.edge
         if rows.watched is not None:
             found = Scores.of(rows.A, self.c, rows.watched)
             self.scores, self.fresh = (self.scores, found) if in_pass else (found, None)
+
+    @property
+    def handed_on(self) -> Impulse | None:
+        """What the next block begins with: no motion of a block that does not count."""
+        return self.after if self.weight or self.after is None else self.after.without_motion()
 
     def into(self, information: SquareRootInformation) -> SquareRootInformation:
         return information.update(self.weight * self.A, self.weight * self.c)
@@ -147,7 +153,7 @@ class Memory:
         """
         stored = _Stored(block, rows.A, rows.b, at, self.gained, rows.after, weight)
         stored.take(rows, at, in_pass=False)
-        self.gained = rows.after
+        self.gained = stored.handed_on
         self.rows += len(rows.b) if weight else 0
         self.data = stored.into(self.data)
         self._combine()
@@ -182,9 +188,11 @@ class Memory:
         if self._pass is None:
             return False
         due = list(islice(self._store, self._visited, min(self._visited + most, self._total)))
-        found = rows([stored.block for stored in due], self.at, self._gained_in_pass) if due else ()
+        fits = [stored.weight > 0.0 for stored in due]
+        blocks = [stored.block for stored in due]
+        found = rows(blocks, self.at, self._gained_in_pass, fits) if due else ()
         for k, stored in enumerate(due):
-            new = found[k : k + 1] or rows((stored.block,), self.at, self._gained_in_pass)
+            new = found[k : k + 1] or rows((stored.block,), self.at, self._gained_in_pass, ())
             self._pass = self._revisited(stored, new).into(self._pass)
         if self.left:
             return False
@@ -207,7 +215,7 @@ class Memory:
             stored.after = new.after
         else:
             self._failures += 1
-        self._gained_in_pass = stored.after
+        self._gained_in_pass = stored.handed_on
         self._visited += 1
         return self._with_rows(stored)
 
@@ -220,7 +228,7 @@ class Memory:
         total = np.zeros(len(at))
         for index in np.linspace(0, len(self._store) - 1, samples).astype(int).tolist():
             stored = self._with_rows(self._store[index])
-            found = rows((stored.block,), at, stored.before)
+            found = rows((stored.block,), at, stored.before, ())
             if not found:
                 return None
             (new,) = found
@@ -291,7 +299,7 @@ class Memory:
 
     def _with_rows(self, stored: _Stored) -> _Stored:
         if not stored.made and self._rows_of is not None:
-            for made in self._rows_of((stored.block,), stored.at, stored.before):
+            for made in self._rows_of((stored.block,), stored.at, stored.before, ()):
                 stored.take(made, stored.at, in_pass=self.in_pass)
             stored.made = True
         return stored
@@ -306,7 +314,7 @@ class Memory:
         """Return rows at a state x (p,), A by the root of its weight, and the stored blocks."""
         every = [self._with_rows(stored) for stored in self._store if stored.weight]
         used = [stored for stored in every if len(stored.c)]
-        rows = [Rows(s.weight * s.A, s.c - s.A @ x, None, s.root, s.use) for s in used]
+        rows = [Rows(s.weight * s.A, s.c - s.A @ x, None, s.root, s.use, edge=s.edge) for s in used]
         return rows, [s.block for s in used]
 
     def scores(self) -> list[Scores]:
@@ -333,13 +341,13 @@ class Memory:
     def _retire(self) -> None:
         oldest = self._with_rows(self._store.popleft())
         self._retired = oldest.into(self._retired)
-        self._gained_retired = oldest.after
+        self._gained_retired = oldest.handed_on
         if self._pass is not None:
             if self._visited > 0:
                 self._visited -= 1
             else:
                 self._pass = oldest.into(self._pass)
-                self._gained_in_pass = oldest.after
+                self._gained_in_pass = oldest.handed_on
             self._total -= 1
 
 

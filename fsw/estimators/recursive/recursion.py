@@ -42,6 +42,7 @@ from fsw.messages import Block, FloatArray
 
 NOISE_BLOCKS = 4  # between two judgements of the sensors' noise
 WATCH_BLOCKS = 2  # between two looks for what creeps
+NEAR = 1.0  # whitened rms distance from the linearisation up to which rows show what creeps
 LEVEL_BLOCKS = 64  # newest blocks that determine the noise level
 ABSURD = 1e12  # normalised innovation squared per degree of freedom at which any block is rejected
 EVENT_LIMIT = 64
@@ -379,10 +380,14 @@ class Recursion:
         return found[0] if found else None
 
     def _usable_rows(
-        self, blocks: Sequence[Block], at: FloatArray, before: Impulse | None
+        self,
+        blocks: Sequence[Block],
+        at: FloatArray,
+        before: Impulse | None,
+        fits: Sequence[bool] = (),
     ) -> list[Rows]:
         noted = [self.noise.applied(self.origin.in_epoch(block)) for block in blocks]
-        return usable_rows(self._rows, noted, at, before)
+        return usable_rows(self._rows, noted, at, before, fits)
 
     def _solve(self) -> bool:
         """Solve for the state; if that is impossible, restart at the prior and return False."""
@@ -512,7 +517,7 @@ class Recursion:
     def _watch(self) -> None:
         """Look for what creeps; before the estimate has settled, the score shows the start."""
         self._watch_due = False
-        if self.linear or not self.pacing.settled:
+        if self.linear or not self.pacing.settled or self._drift() > NEAR:
             return
         memory, level = self.memory, self.monitor.level
         white = memory.tempered(level).covariance()

@@ -60,7 +60,8 @@ def from_impulse(impulse: Impulse | None) -> dict[str, Any] | None:
         return None
     fired = ("fired_s",) if isinstance(impulse.fired_s, np.ndarray) else ()
     modes = ("modes", "J_modes", "doubt") if len(impulse.modes) else ()
-    return kept(impulse, ("end_ns", "L_Nms", "J", "x", *fired, *modes))
+    motion = ("motion", "J_motion", "cov_motion") if len(impulse.motion) else ()
+    return kept(impulse, ("end_ns", "L_Nms", "J", "x", *fired, *modes, *motion))
 
 
 def to_impulse(values: Values | None) -> Impulse | None:

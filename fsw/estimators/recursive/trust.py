@@ -102,14 +102,15 @@ class Trust:
         doubt : factor on the noise's variance in `white`, because few windows have shown it
         """
         nodes, is_free = problem.nodes, problem.is_free
-        parts = [(one.b.copy(), one.torques) for one in rows]
-        residuals, torques = [b for b, _ in parts], [count for _, count in parts]
-        besides = besides_torques(residuals, torques, nodes, is_free=is_free)
+        parts = [(one.b.copy(), one.torques, one.edge) for one in rows]
+        residuals, torques = [b for b, _, _ in parts], [count for _, count, _ in parts]
+        edges = [edge for _, _, edge in parts]
+        besides = besides_torques(residuals, torques, nodes, edges, is_free=is_free)
         self.unexplained = float("inf") if is_free else unexplained(rows, blocks, nodes)
 
         def cost(*, repeats: bool) -> Likeness:
             A = [doubt**-0.5 * one.A for one in rows]
-            return likeness(A, residuals, white, level, nodes, repeats=repeats)
+            return likeness(A, residuals, white, level, nodes, edges, repeats=repeats)
 
         self.learn(residuals, level, besides, cost, few=doubt > 1.0)
 

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from fsw.config import ThrusterConfig
+from fsw.estimators.arm_motion import held_samples
 from fsw.estimators.conditioning import Conditioner, build_conditioner
 from fsw.estimators.rotation import rotation_from_xyzw
 from fsw.messages import Block, ChannelWindow, Window
@@ -78,7 +79,7 @@ def test_errors_at_the_nodes_have_the_stated_covariance() -> None:
 
     def add(name: str, error: np.ndarray, covariance: np.ndarray) -> None:
         values, vectors = np.linalg.eigh(covariance)
-        # 2 m derivative values of m + 3 coefficients: the rest of the directions is exact
+        # 3 m values of m + 3 coefficients: the rest of the directions is exact
         keep = values > 1e-10 * values[-1]
         white = (vectors[:, keep] / np.sqrt(values[keep])).T @ error
         sums[name] = sums.get(name, 0.0) + float(white @ white)
@@ -93,7 +94,8 @@ def test_errors_at_the_nodes_have_the_stated_covariance() -> None:
             speed = block.qd_rad_s[:, j] - true.qd_rad_s[:, j]
             acceleration = block.qdd_rad_s2[:, j] - true.qdd_rad_s2[:, j]
             add("tau", tau, block.cov_tau[j])
-            add("joint", np.concatenate([speed, acceleration]), block.cov_joint[j])
+            position = block.q_rad[:, j] - true.q_rad[:, j]
+            add("joint", np.concatenate([speed, acceleration, position]), block.cov_joint[j])
         for axis in range(3):
             w = block.w_NB_B_rad_s[:, axis] - true.w_NB_B_rad_s[:, axis]
             wd = block.wd_NB_B_rad_s2[:, axis] - true.wd_NB_B_rad_s2[:, axis]
@@ -208,7 +210,7 @@ def test_joints_fitted_together_are_as_each_fitted_alone() -> None:
             rounding = 1e-12 * np.abs(operator).sum(axis=1).max() * np.abs(angle.values[:, 0]).max()
             np.testing.assert_allclose(got[:, k], expected, rtol=1e-12, atol=rounding)
         np.testing.assert_allclose(block.tau_nm[:, k], force[0], rtol=1e-12, atol=1e-12)
-        E = np.concatenate([operator for _, operator in by_order[1:]])
+        E = np.concatenate([by_order[order][1] for order in (1, 2, 0)])
         C = POSITION_NOISE_RAD**2 * E @ E.T
         np.testing.assert_allclose(block.cov_joint[k], C, rtol=1e-9, atol=1e-12 * C.max())
         C = TORQUE_NOISE_NM**2 * force[1] @ force[1].T
@@ -443,3 +445,13 @@ def test_a_reading_that_is_left_out_is_one_that_never_came_to_the_bit(name: str)
     missing = condition(replace(whole, **{name: without(own, [3, 17])}))
     for field in ("w_NB_B_rad_s", "wd_NB_B_rad_s2", "f_NS_B_m_s2", "R_NB", "cov_gyro", "cov_acc"):
         assert np.array_equal(getattr(absurd, field), getattr(missing, field)), field
+
+
+def test_samples_at_one_count_share_their_error() -> None:
+    """By hand: 8 samples; a run between steps of one sign is passed, others are held."""
+    steady, still = np.arange(8.0), np.ones(8)
+    assert held_samples(steady) == 1.0
+    assert held_samples(still) == 8.0
+    assert held_samples(np.repeat(np.arange(4.0), 2)) == (4 + 2 + 2 + 4) / 8
+    turning = np.array([0.0, 1.0, 2.0, 2.0, 2.0, 1.0, 0.0, 0.0])
+    assert held_samples(turning) == (1 + 1 + 9 + 1 + 4) / 8

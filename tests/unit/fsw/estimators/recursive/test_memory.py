@@ -25,7 +25,7 @@ def passed(rows: SafeRows, blocks: Sequence[Block], points: Sequence[FloatArray]
     prior = SquareRootInformation.from_prior(first, np.eye(len(first)))
     memory = Memory(prior, len(blocks))
     for block in blocks:
-        (made,) = rows((block,), first, memory.gained)
+        (made,) = rows((block,), first, memory.gained, ())
         memory.add(block, made, first, keep=True)
     memory.begin(second)
     calls = 1
@@ -46,9 +46,11 @@ def test_blocks_together_give_the_bits_of_one_after_the_other(method: str, fails
     first, second = problem.prior_mean, problem.prior_mean.copy()
     second[problem.body("target")] *= 1.1
 
-    def rows(held: Sequence[Block], at: FloatArray, before: Impulse | None) -> list[Rows]:
+    def rows(
+        held: Sequence[Block], at: FloatArray, before: Impulse | None, fits: Sequence[bool]
+    ) -> list[Rows]:
         spoilt = fails and at is not first and any(block.index == 11 for block in held)
-        return [] if spoilt else own(held, at, before)
+        return [] if spoilt else own(held, at, before, fits)
 
     one, calls = passed(rows, blocks, (first, second), 1)
     many, fewer = passed(rows, blocks, (first, second), MOST)

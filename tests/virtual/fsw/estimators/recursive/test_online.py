@@ -8,6 +8,7 @@ import pytest
 from scipy.stats import chi2
 
 from fsw.estimators.measurement.fused import fused_rows
+from fsw.estimators.measurement.impulse import Impulse
 from fsw.estimators.measurement.mrnea import Rows, mrnea_rows
 from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.inertia import (
@@ -50,7 +51,9 @@ def stated(pi: np.ndarray) -> np.ndarray:
 
 
 def batch(
-    problem: Problem, blocks: list[Block], rows_of: Callable[[Block, np.ndarray], Rows]
+    problem: Problem,
+    blocks: list[Block],
+    rows_of: Callable[[Block, np.ndarray, Impulse | None], Rows],
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return mode and covariance by plain Gauss-Newton on the normal equations, to convergence."""
     mean, p = problem.prior_mean, len(problem.prior_mean)
@@ -68,8 +71,10 @@ def batch(
             off[k] = np.linalg.solve(J, stated(at[k]) - stated(mean[k]))
             D[k, k] = np.linalg.solve(J, report_jacobian(at[k]))
         F, g = D.T @ inverse @ D, -D.T @ inverse @ off
+        before = None
         for block in blocks:
-            rows = rows_of(block, at)
+            rows = rows_of(block, at, before)
+            before = rows.after
             F, g = F + rows.A.T @ rows.A, g + rows.A.T @ rows.b
         covariance = np.linalg.solve(F, np.eye(p))
         new = at + covariance @ g
@@ -89,9 +94,9 @@ def test_recursion_from_a_wrong_start_ends_at_the_batch(case: str, method: str) 
     estimates, final = whole_run(case, method)
     problem = build_problem(config, robot_model())
 
-    def rows_of(block: Block, x: np.ndarray) -> Rows:
+    def rows_of(block: Block, x: np.ndarray, before: Impulse | None) -> Rows:
         if method == "fused":
-            return fused_rows(block, x, problem)
+            return fused_rows(block, x, problem, before=before)
         return mrnea_rows(block, x, problem, "eiv")
 
     mode, covariance = batch(problem, blocks, rows_of)

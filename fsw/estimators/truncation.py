@@ -1,0 +1,70 @@
+"""What a window's polynomial leaves out of a joint's motion.
+
+The Legendre coefficients of a smooth motion fall with their degree. The two highest of a fit, over
+the two before them, show how fast; the first two that the fit lacks are taken to fall as fast. They
+are errors of the motion beside the noise, unknown and of this size. Coefficients that the noise of
+the samples explains show nothing. A motion that is too fast for its window thereby has an error
+that says so.
+"""
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.polynomial import legendre
+
+from fsw.estimators.polynomial import gauss_nodes
+from fsw.messages import FloatArray
+
+OMITTED = 2  # coefficients: an odd and an even one
+SIGMAS = 2.0  # of a coefficient's noise, which explains a smaller one
+
+
+@lru_cache(maxsize=16)
+def legendre_basis(nodes: int, degree: int, half_s: float) -> FloatArray:
+    """Return (3, m, degree + 1): Legendre basis of [qd, qdd, q] at m Gauss nodes of a window."""
+    at, unit = gauss_nodes(nodes), np.eye(degree + 1)
+    basis = np.stack(
+        [
+            np.stack([legendre.legval(at, legendre.legder(one, order)) for one in unit], axis=1)
+            / half_s**order
+            for order in (1, 2, 0)
+        ]
+    )
+    basis.setflags(write=False)
+    return basis
+
+
+@lru_cache(maxsize=16)
+def coefficients(nodes: int, degree: int, half_s: float) -> FloatArray:
+    """Return (degree + 1, 3, m): Legendre coefficients of positions by [qd, qdd, q] at the nodes.
+
+    Exact for polynomials of the degree, which is at most 3 m - 1.
+    """
+    scale = np.array([half_s, half_s**2, 1.0])[:, None, None]
+    unit = legendre_basis(nodes, degree, half_s) * scale
+    inverse = np.linalg.pinv(unit.reshape(3 * nodes, -1)).reshape(-1, 3, nodes)
+    found: FloatArray = inverse * scale[:, :, 0]
+    found.setflags(write=False)
+    return found
+
+
+def omitted(
+    motion: FloatArray, degree: int, half_s: float, sigma: FloatArray, samples: int
+) -> FloatArray:
+    """Return the covariance (n, 3 m, 3 m) of [qd, qdd, q] by what the fits of n joints leave out.
+
+    Parameters
+    ----------
+    motion : (3, m, n) [qd, qdd, q] at the nodes, polynomials of a `degree`
+    sigma : (n,) noise of a sample of the position
+    samples : number of samples in the window
+    """
+    m = motion.shape[1]
+    of = coefficients(m, degree, half_s)[-4:]
+    size = np.abs(np.einsum("cdi,din->cn", of, motion))
+    noise = SIGMAS * sigma * np.sqrt((2 * np.arange(degree - 1, degree + 1)[:, None] + 1) / samples)
+    beyond = np.sqrt(np.sum(np.maximum(size[2:] ** 2 - noise**2, 0.0), axis=0))
+    falling = np.minimum(1.0, size[2:].sum(axis=0) / np.maximum(size[:2].sum(axis=0), 1e-300))
+    phi = legendre_basis(m, degree + OMITTED, half_s)[:, :, -OMITTED:].reshape(3 * m, OMITTED)
+    found: FloatArray = (falling * beyond)[:, None, None] ** 2 * (phi @ phi.T)
+    return found

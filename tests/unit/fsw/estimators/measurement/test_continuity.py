@@ -1,0 +1,150 @@
+"""The motion joined at the edges of windows: dense algebra, polynomials, what breaks the chain."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.polynomial import Polynomial
+
+from fsw.estimators.measurement.block_stack import BlockStack
+from fsw.estimators.measurement.continuity import edge_operator
+from fsw.estimators.measurement.fused import fused_rows, predict
+from fsw.estimators.measurement.motion_noise import by_motion, residual_covariance
+from fsw.estimators.measurement.row_functions import linearised, row_function
+from fsw.estimators.polynomial import gauss_nodes
+from fsw.messages import Block, FloatArray
+from tests.support.estimator_cases import NODES, WINDOW_S, N, make_problem, noisy_blocks
+
+HALF_S = WINDOW_S / 2
+COUNT = 5
+EVERY = np.ones(N + 6, np.bool_)
+
+
+def run(blocks: list[Block], fits: tuple[bool, ...] = ()):
+    problem = make_problem()
+    rows = row_function("fused", "eiv", problem)
+    return linearised(rows, blocks, problem.prior_mean, None, fits)[0]
+
+
+def test_edges_of_polynomials_are_exact() -> None:
+    """Against numpy's polynomials of the degree of a position's fit."""
+    rng = np.random.default_rng(1)
+    for _ in range(5):
+        p = Polynomial(rng.normal(size=NODES + 3))
+        t = HALF_S * gauss_nodes(NODES)
+        z = np.stack([p.deriv()(t), p.deriv(2)(t), p(t)])
+        got = np.einsum("fdi,di->f", edge_operator(NODES, HALF_S), z)
+        want = [p(-HALF_S), p.deriv()(-HALF_S), p(HALF_S), p.deriv()(HALF_S)]
+        np.testing.assert_allclose(got, want, rtol=1e-9)
+
+
+def dense(blocks: list[Block]) -> tuple[FloatArray, FloatArray]:
+    """Return A^T S^-1 A and A^T S^-1 b of all rows of adjoining blocks with one dense covariance.
+
+    Rows: channels of every block, then the steps of position and rate at every inner edge.
+    """
+    problem = make_problem()
+    x, m, k, E = problem.prior_mean, NODES, NODES * (N + 6), edge_operator(NODES, HALF_S)
+    E = E.reshape(4, -1)
+    count = len(blocks)
+    edges = 2 * N * (count - 1)
+    S = np.zeros((k * count + edges, k * count + edges))
+    b, A = np.zeros(len(S)), np.zeros((len(S), len(x)))
+    H = np.zeros((len(S), count * N * 3 * m))  # by the errors of every joint's fit
+    P = np.zeros((H.shape[1], H.shape[1]))
+    for i, block in enumerate(blocks):
+        s = BlockStack((block,))
+        at = predict(s, x, problem)
+        own = slice(i * k, (i + 1) * k)
+        quiet = BlockStack((replace(block, cov_joint=0.0 * block.cov_joint),))
+        S[own, own] = residual_covariance(quiet, at, EVERY, "momentum")[0]
+        parts = (
+            block.tau_nm - at.tau_nm,
+            block.f_NS_B_m_s2 - at.f_m_s2,
+            block.w_NB_B_rad_s - at.w_rad_s,
+        )
+        b[own], A[own] = np.concatenate(parts, axis=1).ravel(), at.J.reshape(k, -1)
+        D = by_motion(at)
+        for j in range(N):
+            first = (i * N + j) * 3 * m
+            P[first : first + 3 * m, first : first + 3 * m] = block.cov_joint[j]
+            for d in range(len(D)):
+                for node in range(m):
+                    rows = slice(own.start + node * (N + 6), own.start + (node + 1) * (N + 6))
+                    H[rows, first + d * m + node] = -D[d, node, :, j]
+            z = np.concatenate([block.qd_rad_s[:, j], block.qdd_rad_s2[:, j], block.q_rad[:, j]])
+            if i:
+                before = k * count + (i - 1) * 2 * N + 2 * j
+                H[before : before + 2, first : first + 3 * m] = E[:2]
+                b[before : before + 2] += E[:2] @ z
+            if i < count - 1:
+                after = k * count + i * 2 * N + 2 * j
+                H[after : after + 2, first : first + 3 * m] = -E[2:]
+                b[after : after + 2] -= E[2:] @ z
+    L = np.linalg.cholesky(S + H @ P @ H.T)
+    A, b = np.linalg.solve(L, A), np.linalg.solve(L, b)
+    return A.T @ A, A.T @ b
+
+
+def test_a_run_of_blocks_is_one_problem() -> None:
+    """Block by block, the information is that of one dense covariance of all rows."""
+    blocks = noisy_blocks("target", 3, 8.0)[10 : 10 + COUNT]
+    made = run(blocks)
+    assert [one.edge for one in made] == [0] + [2 * N] * (COUNT - 1)
+    F = sum(one.A.T @ one.A for one in made)
+    g = sum(one.A.T @ one.b for one in made)
+    want_F, want_g = dense(blocks)
+    scale = np.sqrt(np.diag(want_F))
+    np.testing.assert_allclose(
+        F / np.outer(scale, scale), want_F / np.outer(scale, scale), atol=1e-6
+    )
+    np.testing.assert_allclose(
+        g / scale, want_g / scale, rtol=1e-5, atol=1e-5 * np.abs(g / scale).max()
+    )
+
+
+def test_rows_of_nodes_are_those_without_the_edge() -> None:
+    blocks = noisy_blocks("target", 4, 8.0)[10 : 10 + COUNT]
+    problem = make_problem()
+    for one, block in zip(run(blocks), blocks, strict=True):
+        alone = fused_rows(block, problem.prior_mean, problem)
+        nodes = one.at_nodes
+        np.testing.assert_allclose(nodes.b, alone.b, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(nodes.A, alone.A, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(nodes.root, alone.root, rtol=1e-12, atol=0.0)
+
+
+def test_a_gap_parts_the_motion() -> None:
+    blocks = noisy_blocks("target", 5, 8.0)
+    made = run([*blocks[10:12], *blocks[13:15]])
+    assert [one.edge for one in made] == [0, 2 * N, 0, 2 * N]
+
+
+def test_a_block_that_does_not_fit_hands_on_no_motion() -> None:
+    blocks = noisy_blocks("target", 6, 8.0)[10:14]
+    wild = replace(blocks[1], tau_nm=blocks[1].tau_nm + 50.0)
+    made = run([blocks[0], wild, *blocks[2:]], (True, False, True, True))
+    again = run(blocks[2:])
+    assert [one.edge for one in made] == [0, 2 * N, 0, 2 * N]
+    for one, alone in zip(made[2:], again, strict=True):
+        assert np.array_equal(one.A, alone.A)
+        assert np.array_equal(one.b, alone.b)
+
+
+@pytest.mark.parametrize("jump", ["angle", "rate"])
+def test_a_jump_between_windows_shows(jump: str) -> None:
+    """A step of ten sigmas of the fit at the edge: the rows of the edge are far off, those of the
+    nodes are not."""
+    blocks = noisy_blocks("target", 7, 8.0)[10:12]
+    E, which = edge_operator(NODES, HALF_S).reshape(4, -1), 0 if jump == "angle" else 1
+    sigma = float(np.sqrt(E[which] @ blocks[1].cov_joint[2] @ E[which]))
+    step = np.zeros(N)
+    step[2] = 10.0 * sigma
+    t = (HALF_S * (1.0 + gauss_nodes(NODES)))[:, None] if jump == "rate" else np.ones((NODES, 1))
+    by_rate = step if jump == "rate" else 0.0 * step
+    moved = replace(
+        blocks[1], q_rad=blocks[1].q_rad + t * step, qd_rad_s=blocks[1].qd_rad_s + by_rate
+    )
+    before, after = (run([blocks[0], block])[1] for block in (blocks[1], moved))
+    k = len(after.b) - after.edge
+    assert float(np.sum(after.b[k:] ** 2) - np.sum(before.b[k:] ** 2)) > 20.0

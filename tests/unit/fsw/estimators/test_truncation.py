@@ -1,0 +1,67 @@
+"""What a window's polynomial leaves out, against the Legendre series of sinusoids."""
+
+import numpy as np
+import pytest
+from numpy.polynomial import Polynomial
+from scipy.special import spherical_jn
+
+from fsw.estimators.polynomial import NodeFit, gauss_nodes
+from fsw.estimators.truncation import OMITTED, coefficients, legendre_basis, omitted
+
+M, HALF_S, SAMPLES = 4, 0.2, 200
+DEGREE = M + 2
+T_S = ((np.arange(SAMPLES) + 0.5) / SAMPLES * 2.0 - 1.0) * HALF_S
+
+
+def fitted(q, degree=DEGREE):
+    """Return [qd, qdd, q] (3, m, 1) at the nodes by the fit of samples q (k,)."""
+    fit = NodeFit(T_S, HALF_S, degree, M)
+    return (fit.operators((1, 2, 0)) @ fit.coefficients(q[:, None])).reshape(3, M, 1)
+
+
+def size(covariance):
+    """Return the sigma of each omitted coefficient that a covariance (3 m, 3 m) states."""
+    phi = legendre_basis(M, DEGREE + OMITTED, HALF_S)[:, :, -OMITTED:].reshape(3 * M, OMITTED)
+    return np.sqrt(np.trace(covariance) / np.trace(phi @ phi.T))
+
+
+def test_coefficients_are_those_of_the_polynomial():
+    p = Polynomial(np.random.default_rng(1).normal(size=DEGREE + OMITTED + 1))
+    t = HALF_S * gauss_nodes(M)
+    z = np.stack([p.deriv()(t), p.deriv(2)(t), p(t)])
+    got = np.einsum("cdi,di->c", coefficients(M, DEGREE + OMITTED, HALF_S), z)
+    want = np.polynomial.legendre.poly2leg(p(Polynomial([0.0, HALF_S])).coef)
+    np.testing.assert_allclose(got, want, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("rate_hz", [0.5, 1.0, 2.0, 4.0])
+@pytest.mark.parametrize("phase", np.linspace(0.0, np.pi, 7).tolist())
+def test_of_a_sinusoid_it_is_not_too_small(rate_hz, phase):
+    """cos(w t + phase) has coefficients (2 j + 1) j_j(w h) times cosine or sine of the phase."""
+    w = 2.0 * np.pi * rate_hz
+    true = [
+        (2 * j + 1) * spherical_jn(j, w * HALF_S) * (np.cos(phase) if j % 2 == 0 else np.sin(phase))
+        for j in (DEGREE + 1, DEGREE + 2)
+    ]
+    motion = fitted(np.cos(w * T_S + phase))
+    found = size(omitted(motion, DEGREE, HALF_S, np.array([1e-12]), SAMPLES)[0])
+    assert np.linalg.norm(true) < 2.0 * found
+    assert found < 30.0 * (2 * DEGREE + 3) * spherical_jn(DEGREE + 1, w * HALF_S)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_noise_omits_next_to_nothing(seed):
+    """A slow motion with noise: less than a tenth of the noise of a coefficient."""
+    sigma = 1e-4
+    rng = np.random.default_rng(seed)
+    motion = fitted(0.3 * np.sin(1.2 * T_S + seed) + sigma * rng.normal(size=SAMPLES))
+    found = size(omitted(motion, DEGREE, HALF_S, np.array([sigma]), SAMPLES)[0])
+    assert found < 0.1 * sigma * np.sqrt((2 * DEGREE + 3) / SAMPLES)
+
+
+def test_a_stop_in_a_window_omits_as_much_as_it_fits():
+    """A rate that ends at once falls so slowly that the edges may be off by its highest terms."""
+    q = np.minimum(T_S, 0.03)
+    found = omitted(fitted(q), DEGREE, HALF_S, np.array([1e-9]), SAMPLES)[0]
+    fit = np.polynomial.legendre.legfit(T_S / HALF_S, q, DEGREE)
+    assert size(found) > 0.2 * np.abs(fit[-2:]).max()
