@@ -35,6 +35,7 @@ from fsw.commands.recording_arguments import (
     report_arguments,
     view_arguments,
 )
+from fsw.commands.streams import open_standard_streams
 from fsw.errors import ConfigError, FswError, in_words
 
 if TYPE_CHECKING:
@@ -44,12 +45,11 @@ if TYPE_CHECKING:
 CONFIG_EXIT = 2
 FAILED_EXIT = 1
 INTERRUPTED_EXIT = 130  # 128 + SIGINT
-LAST_STREAM = 2  # standard error
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one subcommand and return the exit code."""
-    _open_standard_streams()
+    open_standard_streams()
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # set before numpy loads: one thread
     arguments = parser().parse_args(argv)
     command: Callable[[argparse.Namespace], int] = arguments.command
@@ -66,13 +66,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (FswError, ModuleNotFoundError, OSError) as error:
         print(f"fsw: {in_words(error, 'fsw')}", file=sys.stderr)
         return CONFIG_EXIT if isinstance(error, ConfigError | ModuleNotFoundError) else FAILED_EXIT
-
-
-def _open_standard_streams() -> None:
-    """Open the streams that were closed: no other file may get their numbers."""
-    while (descriptor := os.open(os.devnull, os.O_RDWR)) <= LAST_STREAM:
-        os.set_inheritable(descriptor, True)
-    os.close(descriptor)
 
 
 def parser() -> argparse.ArgumentParser:
@@ -383,10 +376,8 @@ def _export(arguments: argparse.Namespace) -> int:
 def _schema(arguments: argparse.Namespace) -> int:
     from fsw.config.reference import json_schema, keys_of
 
-    if arguments.part is None:
-        print(json.dumps(json_schema(), indent=2))
-    else:
-        print("\n".join(key.words() for key in keys_of(arguments.part)))
+    words = (key.words() for key in keys_of(arguments.part)) if arguments.part else ()
+    print("\n".join(words) or json.dumps(json_schema(), indent=2))
     return 0
 
 

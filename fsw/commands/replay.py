@@ -20,15 +20,14 @@ from fsw.drivers.wire import NO_FRAMES, ByteChunk, FrameArray, joined
 from fsw.errors import WRONG_CONTENT, ConfigError, brief
 from fsw.estimators.pipeline import Pipeline
 from fsw.exchange.checkpoint import decode
+from fsw.exchange.columns import Column, frames_of
 from fsw.exchange.recording import (
     END_NS,
     SAMPLED,
     SAMPLES,
-    Column,
     Contents,
     Piece,
     RecordedMessage,
-    frames_of,
     messages_of,
     pieces_of,
 )

@@ -6,7 +6,8 @@ from functools import partial
 from math import ceil, inf
 
 from fsw.errors import ConfigError
-from fsw.exchange.recording import END_NS, Column, Piece
+from fsw.exchange.columns import Column
+from fsw.exchange.recording import END_NS, Piece
 
 
 @dataclass(frozen=True, slots=True)

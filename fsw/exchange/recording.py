@@ -25,20 +25,13 @@ from mcap.records import Attachment, Channel, Chunk, ChunkIndex, Metadata
 from mcap.records import Message as McapMessage
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.summary import Summary
-from numpy.typing import NDArray
 from zstandard import ZstdError
 
 from file_delivery.regular import open_regular
 from fsw.config.text import MAX_TEXT_BYTES, kind_of
-from fsw.drivers.wire import (
-    CLASSIC_BYTES,
-    FD_BYTES,
-    ByteChunk,
-    FrameArray,
-    frames_from,
-)
 from fsw.errors import ConfigError
 from fsw.exchange.chunks import expanded
+from fsw.exchange.columns import Column, windows
 from fsw.messages import IntArray
 
 SAMPLES = "/samples/"  # prefix of topics of decoded samples: JSON, values as the sensor gave them
@@ -67,40 +60,6 @@ class RecordedMessage(NamedTuple):
     place: tuple[int, ...]  # place in the files: orders messages of equal time
     topic: str
     data: bytes
-
-
-class Column(NamedTuple):
-    """The messages of one topic in a piece of a recording, in file order."""
-
-    data: bytes  # bytes of the piece
-    spans: IntArray  # (k, 3) log time [ns], first byte and byte behind each message
-
-    def rows(self) -> NDArray[np.uint8] | None:
-        """Return the messages as rows of bytes; None unless all are classic or all FD frames."""
-        starts, stops = self.spans[:, 1], self.spans[:, 2]
-        width = int(stops[0] - starts[0])
-        if width not in (CLASSIC_BYTES, FD_BYTES) or np.count_nonzero(stops - starts != width):
-            return None
-        return _windows(self.data, width)[starts].view(np.uint8).reshape(-1, width)
-
-    def chunks(self) -> list[ByteChunk]:
-        """Return the messages as chunks of a serial line."""
-        return [ByteChunk(t_ns, self.data[a:b]) for t_ns, a, b in self.spans.tolist()]
-
-
-def frames_of(columns: Sequence[Column]) -> FrameArray:
-    """Return the messages of some columns as frames of a bus; invalid frames are left out."""
-    spans = np.concatenate([column.spans for column in columns])
-    sizes, found = spans[:, 2] - spans[:, 1], [column.rows() for column in columns]
-    parts = [part for part in found if part is not None]
-    if len(parts) < len(found) or len({part.shape[1] for part in parts}) > 1:
-        padded = [
-            column.data[a:b][:FD_BYTES].ljust(FD_BYTES, b"\0")
-            for column in columns
-            for _, a, b in column.spans.tolist()
-        ]
-        parts = [np.frombuffer(b"".join(padded), np.uint8).reshape(-1, FD_BYTES)]
-    return frames_from(spans[:, 0], np.concatenate(parts), sizes)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -314,7 +273,7 @@ def _indexed(data: bytes, at: IntArray, topics: Mapping[int, str]) -> dict[str, 
     size = len(data)
     if not at.size or at[0] != 0 or at[-1] > size - _HEADS.itemsize:
         return None
-    heads = _windows(data, _HEADS.itemsize)[at].view(_HEADS)
+    heads = windows(data, _HEADS.itemsize)[at].view(_HEADS)
     stops = at + _RECORD_HEAD.size + heads["length"].astype(np.int64)
     is_message = heads["opcode"] == int(Opcode.MESSAGE)
     follows = (stops == np.append(at[1:], size)) & (stops - at >= _HEADS.itemsize)
@@ -348,11 +307,6 @@ def _columns(data: bytes, topics: Mapping[int, str]) -> dict[str, Column]:
         for channel, found in spans.items()
         if found
     }
-
-
-def _windows(data: bytes, width: int) -> NDArray[np.void]:
-    """Return a view (k,) of the `width` bytes that begin at each place of the data."""
-    return np.ndarray((len(data) - width + 1,), f"V{width}", data, strides=(1,))
 
 
 @dataclass(slots=True)

@@ -9,7 +9,8 @@ from fsw.commands.importing.quantities import Field, Found, Section, by_name, pa
 from fsw.commands.importing.usable import UNIT, Part, jumps, usable
 from fsw.commands.importing.wraps import unwrap
 from fsw.config import Config, JointConfig
-from fsw.drivers.sources.joint_track import SLACK_SIGMAS, Calibration
+from fsw.drivers.sources.joint_calibration import Calibration
+from fsw.drivers.sources.joint_track import SLACK_SIGMAS
 from fsw.drivers.sources.samples import FORCE_N, POSITION, POSITION_M, TORQUE
 from fsw.errors import ConfigError
 from fsw.estimators.model.building import robot_of

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from fsw.config import JointConfig
 from fsw.drivers.sources.counters import Counters
-from fsw.drivers.sources.joint_track import Calibration, JointTracks, Readings, Refused
+from fsw.drivers.sources.joint_calibration import Calibration
+from fsw.drivers.sources.joint_track import JointTracks, Readings, Refused
 from fsw.messages import FloatArray, IntArray, JointSamples
 
 

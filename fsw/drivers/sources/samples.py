@@ -13,7 +13,7 @@ import numpy as np
 from fsw.config import Config, ImuConfig, StarTrackerConfig, WheelConfig, WrenchSensorConfig
 from fsw.drivers.codecs.imu_datagram import STANDARD_GRAVITY_M_S2
 from fsw.drivers.sources.counters import Counters
-from fsw.drivers.sources.joint_track import Calibration
+from fsw.drivers.sources.joint_calibration import Calibration
 from fsw.drivers.sources.star_tracker import to_bus
 from fsw.drivers.wire import ByteChunk, Reject
 from fsw.errors import WRONG_CONTENT

@@ -80,6 +80,12 @@ def report_jacobian(pi: FloatArray) -> FloatArray:
     return J
 
 
+def about_origin(pi: FloatArray) -> FloatArray:
+    """Return the inertia matrix (3, 3) of pi (10,) about its frame's origin [kg m2]."""
+    found: FloatArray = pi[4:][_SYMMETRIC]
+    return found
+
+
 def pseudo_inertia(pi: FloatArray) -> FloatArray:
     """Return the 4 x 4 pseudo-inertia [[Sigma, h], [h^T, m]] with Sigma = tr(I)/2 1 - I.
 

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from fsw.errors import ConfigError
 from fsw.estimators.model.field import field_wrenches
-from fsw.estimators.model.inertia import PARAMETERS, frame_change, frame_changes, pseudo_inertia
+from fsw.estimators.model.inertia import PARAMETERS, about_origin, frame_change, frame_changes
 from fsw.estimators.model.urdf import UNLIMITED, dynamics_of
 from fsw.estimators.model.wrench_sensor import WrenchSensor, with_sensors
 from fsw.messages import FloatArray, IntArray
@@ -222,7 +222,9 @@ class RobotModel:
         if np.array_equal(pi, self._set):
             return
         for index, own in zip(self._bodies, pi.reshape(-1, PARAMETERS), strict=True):
-            self.model.inertias[index] = _spatial_inertia(own)
+            # the library divides by the mass, which a link of the URDF may lack
+            found = pin.Inertia.FromDynamicParameters(own) if own[0] else None
+            self.model.inertias[index] = found or pin.Inertia(0.0, np.zeros(3), about_origin(own))
         self._set = pi.copy()
 
     def regressor(self, q: FloatArray, w: FloatArray, qd: FloatArray, a: FloatArray) -> FloatArray:
@@ -395,10 +397,3 @@ class RobotModel:
             for k, body in enumerate(self._bodies):
                 X[i, k] = self.data.oMi[body].homogeneous
         return frame_changes(X.reshape(-1, 4, 4)).reshape(len(q), bodies, PARAMETERS, PARAMETERS)
-
-
-def _spatial_inertia(pi: FloatArray) -> pin.Inertia:
-    if pi[0] == 0.0:  # a massless link of the URDF
-        P = pseudo_inertia(pi)
-        return pin.Inertia(0.0, np.zeros(3), np.trace(P[:3, :3]) * np.eye(3) - P[:3, :3])
-    return pin.Inertia.FromDynamicParameters(pi)

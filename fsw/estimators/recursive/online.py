@@ -21,9 +21,10 @@ from fsw.estimators.model.mobility import by_mobility, is_bent
 from fsw.estimators.model.problem import IMPLAUSIBLE, Problem
 from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.reasons import Failed
+from fsw.estimators.recursive.estimation import EventWords
 from fsw.estimators.recursive.isolation import ChannelScreen
 from fsw.estimators.recursive.outcome import WEAKEST_GAIN, outcome, weakest_gain
-from fsw.estimators.recursive.recursion import EventWords, Recursion
+from fsw.estimators.recursive.recursion import Recursion
 from fsw.estimators.recursive.rival import Rival, Standing
 from fsw.estimators.recursive.snapshot import Values, check_fit, kept, put
 from fsw.estimators.square_root import SquareRootInformation

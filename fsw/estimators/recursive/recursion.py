@@ -1,4 +1,4 @@
-"""The recursion: its state and memory, and the bounded units of work that keep both up to date.
+"""The recursion: blocks are folded into an estimate and judged, in bounded units of work.
 
 A block is folded into the square-root information at once; passes over the stored blocks then
 re-linearise them at the current estimate, a block per unit of work. A run of blocks that noise
@@ -9,35 +9,29 @@ widened. Both are reported as events. `online` decides when units of work are do
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from copy import copy, deepcopy
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from fsw.config import EstimatorConfig
-from fsw.errors import EstimatorError
 from fsw.estimators.creep import changes, worst_change
 from fsw.estimators.likeness import in_words as in_words_of_likeness
 from fsw.estimators.measurement.first_rate import at_first_rate
-from fsw.estimators.measurement.impulse import Impulse
 from fsw.estimators.measurement.mrnea import Rows
-from fsw.estimators.measurement.row_functions import RowsFunction, usable_rows
+from fsw.estimators.measurement.row_functions import RowsFunction
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.plausible import plausible
-from fsw.estimators.recursive import pacing
-from fsw.estimators.recursive.change import InnovationMonitor
+from fsw.estimators.recursive.estimation import EVENT_LIMIT, Estimation, EventWords
 from fsw.estimators.recursive.isolation import ChannelScreen
-from fsw.estimators.recursive.memory import Memory, data_within
-from fsw.estimators.recursive.origin import Origin
+from fsw.estimators.recursive.memory import Memory
 from fsw.estimators.recursive.outside import OutsideWatch, Verdict
-from fsw.estimators.recursive.pacing import SETTLED, Pacing, distance
+from fsw.estimators.recursive.pacing import SETTLED
 from fsw.estimators.recursive.prior_groups import in_words, widen
 from fsw.estimators.recursive.snapshot import Values, kept, put, to_information
 from fsw.estimators.recursive.trust import Trust
-from fsw.estimators.sensor_noise import SensorNoise
 from fsw.messages import Block, FloatArray
 
 NOISE_BLOCKS = 4  # between two judgements of the sensors' noise
@@ -45,37 +39,25 @@ WATCH_BLOCKS = 2  # between two looks for what creeps
 NEAR = 1.0  # whitened rms distance from the linearisation up to which rows show what creeps
 LEVEL_BLOCKS = 64  # newest blocks that determine the noise level
 ABSURD = 1e12  # normalised innovation squared per degree of freedom at which any block is rejected
-EVENT_LIMIT = 64
 AT_ONCE = 16  # most blocks that are re-linearised at once where nothing waits for it
-SAMPLES = 8  # stored blocks that show whether a pass is worth its time
 
 _STATE = (
     *("x", "blocks", "since", "gated", "changes", "span_ns", "q_rad", "armed", "conflict"),
     *("_check_due", "_level_due", "_watch_due", "_rss", "_coloured", "_alike", "spared"),
 )
 
-EventWords = tuple[str, str, str]  # severity, code, text
 
-
-class Recursion:
-    """State and memory of one estimation; results depend on the blocks alone.
+class Recursion(Estimation):
+    """One estimation and the judgement of it; results depend on the blocks alone.
 
     Attributes
     ----------
-    x : (p,) state
-    origin : prior of the last start
-    memory : prior, data information and stored blocks
-    monitor : judge of the innovations
-    pacing : when to re-linearise
-    blocks, since : number of blocks folded in, and of those since the last start
     gated, changes : number of rejected blocks, and of re-openings
-    span_ns : times of the first and last node since the last start
     q_rad : (n,) newest joint positions
     armed : whether blocks are gated: from the first valid estimate on
     conflict : whether the data contradicted the prior at the last check
     spared : whether an alarm against this estimate has been refuted; a second one is believed
     screen, trust : judge of single channels; judge of the residuals at the last check
-    noise : noise of the sensors, learnt from their samples
     used : the newest block, without the channels that were left out
     """
 
@@ -88,60 +70,24 @@ class Recursion:
         *,
         linear: bool,
     ) -> None:
-        self.problem, self.screen, self.linear = problem, screen, linear
-        self._settings, self._rows = settings, rows
-        self._events: deque[EventWords] = deque(maxlen=EVENT_LIMIT)
-        self.blocks = self.gated = self.changes = 0
-        self.monitor = InnovationMonitor(settings.gate_probability)
-        self.noise = SensorNoise(
-            problem.noise_declared,
-            problem.noise_samples,
-            problem.window_s,
-            problem.nodes,
-            problem.torque_model_nm2,
-        )
+        self.screen = screen
+        self.gated = self.changes = 0
         self.q_rad: FloatArray | None = None
         self.used: Block | None = None
-        # whether NOISE_CORRELATED has been reported of samples, and of residuals
-        self._coloured = self._alike = False
+        self._coloured = self._alike = False  # NOISE_CORRELATED reported: of samples, of residuals
         watches = problem.watches_outside
         self.outside = OutsideWatch(problem, settings.gate_probability) if watches else None
-        self._in_doubt = len(problem.published) < len(problem.names)
-        self.origin = Origin(problem, linear=linear)
-        self.start(problem.prior_mean, self.origin.stated)
+        super().__init__(problem, settings, rows, linear=linear)
 
     def start(self, mean: FloatArray, covariance: FloatArray) -> None:
         """Begin again at a prior; keep the counters and the knowledge of the sensors."""
-        self.origin.mean, self.origin.covariance = mean, covariance
-        self.memory = Memory(self.origin.information(mean), self._settings.store_blocks)
-        self.x = mean.copy()
-        self.since = 0
-        bound = pacing.SETTLED_IN_DOUBT if self._in_doubt else SETTLED
-        self.pacing = Pacing(settled=self.linear, bound=bound)
+        super().start(mean, covariance)
         self.armed = self.conflict = self.spared = False
         self.trust = Trust()
         self._check_due = self._level_due = self._watch_due = False
         self._rss = 0.0
-        self.span_ns: tuple[int, int] | None = None
         if self.outside is not None:
             self.outside.forget()
-
-    def take_over(self, mean: FloatArray, covariance: FloatArray, blocks: int) -> None:
-        """Start from a batch result over `blocks` blocks; with forgetting it fades like other data.
-
-        Raises
-        ------
-        numpy.linalg.LinAlgError if the covariance is not positive definite.
-        """
-        if self._settings.forgetting_time_s is None:
-            self.start(mean, covariance)
-        else:
-            prior = self.memory.prior
-            self.memory.restart(prior, data_within(prior, mean, covariance))
-            self.x = mean
-        self.memory.at = mean
-        self.blocks = self.since = blocks
-        self.pacing.settled = True
 
     def snapshot(self) -> dict[str, Any]:
         """Return the whole state as plain values; stored blocks are referred to by their index."""
@@ -184,23 +130,13 @@ class Recursion:
         covariance = self._white_covariance()
         return self.trust.widened(covariance, self.since)
 
-    def _white_covariance(self) -> FloatArray:
-        """Return the covariance (p, p) if the residuals are white."""
-        return self.memory.tempered(self.monitor.variance).covariance()
-
-    @property
-    def duration_s(self) -> float:
-        """Return the length of the data since the last start [s]."""
-        return (self.span_ns[1] - self.span_ns[0]) * 1e-9 if self.span_ns else 0.0
-
     @property
     def has_work(self) -> bool:
         """Return whether a unit of work is expected to change anything."""
         if not len(self.memory):
             return False
-        if self._after_pass or self.memory.in_pass:
-            return True
-        return self.pacing.is_worth_a_pass(self._drift(), self.since)
+        busy = self._after_pass or self.memory.in_pass
+        return busy or self.pacing.is_worth_a_pass(self._drift(), self.since)
 
     @property
     def _after_pass(self) -> bool:
@@ -221,9 +157,10 @@ class Recursion:
             self._watch()
         elif self.memory.in_pass:
             units = max(1, min(most, self.memory.left))
-            self._advance_pass(units)
+            self._level_due = self._advance_pass(units)
+            self._check_due = self._level_due and self.pacing.settled
         else:
-            self._begin_pass()
+            self._level_due = self._check_due = self._begin_pass()
         return units
 
     def settle(self, max_passes: int) -> None:
@@ -339,19 +276,6 @@ class Recursion:
         spare = self.memory.rows - len(self.x)
         return self._rss / spare if spare > 0 else 1.0
 
-    def begin_again(self, why: str) -> None:
-        """Restart at the problem's prior and report why."""
-        self.start(self.problem.prior_mean, self.origin.stated)
-        self.monitor.restart()
-        self._events.append(("high", "ESTIMATOR_RESET", why))
-
-    def _follow_walks(self, block: Block) -> None:
-        data = self.origin.follow(block, self.memory.data)
-        if data is not None:
-            self.memory.restart(self.origin.information(self.memory.at), data)
-            if self._solve():
-                self.memory.at = self._point()
-
     def _absorb(self, block: Block, rows: Rows, at: FloatArray, end_ns: int) -> bool:
         """Fold in the rows of a block; return False if the recursion has restarted instead."""
         c = rows.b + rows.A @ at
@@ -366,42 +290,6 @@ class Recursion:
             return False
         residual, step = c - rows.A @ self.x, R @ (self.x - before)
         self._rss += float(residual @ residual + step @ step)
-        return True
-
-    def _age(self, end_ns: int) -> None:
-        time_s = self._settings.forgetting_time_s
-        if time_s is not None and self.span_ns is not None:
-            elapsed_s = max(0, end_ns - self.span_ns[1]) * 1e-9
-            self.memory.age(float(np.exp(-0.5 * elapsed_s / time_s)))
-
-    def _newest_rows(self, block: Block, at: FloatArray) -> Rows | None:
-        """Return the rows of a block after all stored ones; None if they are not usable."""
-        found = self._usable_rows((block,), at, self.memory.gained)
-        return found[0] if found else None
-
-    def _usable_rows(
-        self,
-        blocks: Sequence[Block],
-        at: FloatArray,
-        before: Impulse | None,
-        fits: Sequence[bool] = (),
-    ) -> list[Rows]:
-        noted = [self.noise.applied(self.origin.in_epoch(block)) for block in blocks]
-        return usable_rows(self._rows, noted, at, before, fits)
-
-    def _solve(self) -> bool:
-        """Solve for the state; if that is impossible, restart at the prior and return False."""
-        is_few = (
-            self.monitor.doubt > 1.0
-        )  # then the prior outweighs the data by as much as is stated
-        try:
-            mean = self.memory.tempered(self.monitor.variance if is_few else 1.0).mean()
-            if not np.isfinite(mean).all():
-                raise EstimatorError("the estimate is not finite")
-        except EstimatorError as error:
-            self.begin_again(str(error))
-            return False
-        self.x = mean
         return True
 
     def reopened(self) -> Recursion:
@@ -441,52 +329,6 @@ class Recursion:
             text += f"; they do not tell which of {' and '.join(unknown)} has changed"
         text += "; it did not fit before either and must fit for longer now" * self.trust.suspect
         self._events.append(("medium", "CHANGE_DETECTED", text))
-
-    def _begin_pass(self) -> None:
-        wanted, step = self._next_point()
-        memory, previous = self.memory, self.memory.at
-        root = memory.information.R if self.problem.modes is not None else None
-        point = self.pacing.point(wanted, previous, root)
-        self.pacing.begin(distance(memory.information.R, point - previous), self.since)
-        if step is None:
-            memory.begin(point)
-        else:
-            memory.at = point
-            self.pacing.found_idle(step)
-            self._level_due = self._check_due = True
-
-    def _next_point(self) -> tuple[FloatArray, float | None]:
-        """Return the next pass's point, and its step if the pass is not worth its time, else None.
-
-        Where the drift alone suggests a pass, some of the blocks show the step.
-        """
-        drift, expected = self._drift(), True
-        wanted = self._point()
-        memory = self.memory
-        if len(memory) > 2 * SAMPLES and drift > pacing.FAR:
-            expected = self.pacing.is_expected_to_move(drift, self.since)
-        if expected:
-            return wanted, None
-        pull = memory.pull(self._usable_rows, wanted, SAMPLES)
-        if pull is None:
-            return wanted, None
-        for prior, sign in ((self.origin.information(wanted), 1.0), (memory.prior, -1.0)):
-            pull = pull + sign * (prior.R.T @ (prior.z - prior.R @ wanted))
-        step = pacing.rms(solve_triangular(memory.information.R, pull, trans=1))
-        return wanted, step if step < pacing.WORTH else None
-
-    def _advance_pass(self, most: int) -> None:
-        memory = self.memory
-        x, R = self.x, memory.information.R
-        if not memory.advance(self._usable_rows, most):
-            return
-        memory.replace_prior(self.origin.information(memory.at))
-        if not self._solve():
-            return
-        k = self.problem.bodies if self._in_doubt else None
-        step = max(distance(root, self.x - x, k) for root in (R, memory.information.R))
-        self.pacing.end(step, memory.failed)
-        self._level_due, self._check_due = True, self.pacing.settled
 
     def _learn_level(self) -> None:
         self._level_due = False
@@ -556,13 +398,3 @@ class Recursion:
         self.pacing.settled = False
         text = in_words(found) + self.problem.suspicion(self.x)
         self._events.append(("medium", "PRIOR_CONFLICT", text))
-
-    def _drift(self) -> float:
-        """Return the whitened rms distance of the estimate from the point of the last pass."""
-        return distance(self.memory.information.R, self.x - self.memory.at)
-
-    def _point(self) -> FloatArray:
-        """Return the estimate with consistent bodies; for linear weightings the prior's mean."""
-        if self.linear:
-            return self.problem.prior_mean
-        return self.problem.consistent(self.x, self.memory.information.covariance)

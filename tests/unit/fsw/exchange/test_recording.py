@@ -24,7 +24,8 @@ from fsw.drivers.wire import (
     unpack_frame,
 )
 from fsw.errors import ConfigError
-from fsw.exchange.recording import contents, frames_of, messages, pieces_of
+from fsw.exchange.columns import frames_of
+from fsw.exchange.recording import contents, messages, pieces_of
 from fsw.exchange.recording_writer import RecordingWriter
 from fsw.exchange.sinks import CanTraffic, SerialTraffic
 

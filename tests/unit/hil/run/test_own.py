@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from fsw.config import load as load_config
-from fsw.drivers.sources.joint_track import Calibration
+from fsw.drivers.sources.joint_calibration import Calibration
 from hil.__main__ import main
 from hil.run.own_devices import described
 from hil.run.own_flight import own_priors, own_world

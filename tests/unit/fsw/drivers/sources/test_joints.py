@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fsw.drivers.sources.joint_track import Calibration
+from fsw.drivers.sources.joint_calibration import Calibration
 from fsw.drivers.wire import CanFrame
 from tests.support.driver_configs import bus_config, joint_config
 from tests.support.encoders import tpdo1, tpdo1_fd

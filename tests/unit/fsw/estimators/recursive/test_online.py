@@ -12,7 +12,7 @@ from fsw.config import Config
 from fsw.estimators.measurement.mrnea import Rows, mrnea_rows
 from fsw.estimators.measurement.row_functions import RowsFunction, row_function, usable_rows
 from fsw.estimators.model.building import build_problem
-from fsw.estimators.recursive import recursion
+from fsw.estimators.recursive import estimation
 from fsw.estimators.recursive.online import WORK_PER_BLOCK, OnlineEstimator, build_online
 from fsw.estimators.recursive.origin import FLAT_PRIOR
 from fsw.estimators.recursive.pacing import WORTH
@@ -128,7 +128,7 @@ def test_passes_that_would_change_nothing_are_not_made(
             calls += len(blocks)
             return usable_rows(rows, blocks, *arguments)
 
-        monkeypatch.setattr(recursion, "usable_rows", counted)
+        monkeypatch.setattr(estimation, "usable_rows", counted)
         estimates = []
         for block in blocks:
             estimates.append(online.push(block))
@@ -136,7 +136,7 @@ def test_passes_that_would_change_nothing_are_not_made(
         return estimates, passes, calls
 
     some, few, rare = watched()
-    monkeypatch.setattr(recursion, "SAMPLES", 10**6)
+    monkeypatch.setattr(estimation, "SAMPLES", 10**6)
     every, many, often = watched()
     assert few[-1] < many[-1]
     assert rare < 0.75 * often
