@@ -192,7 +192,9 @@ class ArmConditioner:
             cov_joint[own] = moving[own, None, None] ** 2 * fit.covariance(orders, 1.0)
             of_fit = motion.reshape(len(MOTION), m, n)[list(ORDERS)][:, :, own]
             degree = fit.fit.degree + is_speed
-            cov_joint[own] += omitted(of_fit, degree, half_s, moving[own], fit.fit.samples)
+            # a coefficient of the position is about that of the speed, integrated
+            of_position = moving[own] * (half_s / (2 * degree - 1) if is_speed else 1.0)
+            cov_joint[own] += omitted(of_fit, degree, half_s, of_position, fit.fit.samples)
             if is_speed:
                 continue
             white = fit.whitener((1, 2)) @ motion[m:, own]

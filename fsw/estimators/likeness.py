@@ -22,7 +22,7 @@ Source: Newey, West, Econometrica 55 (1987) 703; Priestley, Spectral Analysis an
 (1981), 6.2.3 (Parzen's window) and table 6.2 (its equivalent degrees of freedom).
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -81,25 +81,37 @@ def likeness(
     edges : number of last rows per block that are those of its edge, each a kind of its own
     repeats : whether the residuals repeat with the motion, so that no lag is too long to count
     """
-    size = max(map(len, residuals))
-    whole = [k for k, rows in enumerate(residuals) if len(rows) == size]
-    A = np.array([jacobians[k] for k in whole]) / np.sqrt(level)
-    b = np.array([residuals[k] for k in whole]) / np.sqrt(level)
-    inner = size - (edges[whole[-1]] if edges else 0)
-    split = nodes if inner % nodes == 0 else 1
-    found = [_one_kind(A[:, :inner], b[:, :inner], split, repeats=repeats)]
-    if inner < size:
-        found.append(_one_kind(A[:, inner:], b[:, inner:], 1, repeats=repeats))
+    edges = edges or [0] * len(residuals)
+    scale, inner = (
+        level**-0.5,
+        [len(rows) - edge for rows, edge in zip(residuals, edges, strict=True)],
+    )
+    size, most = max(inner), max(edges)
+    kinds = [([k for k, own in enumerate(inner) if own == size], slice(size), nodes)]
+    if most:
+        kinds.append(([k for k, own in enumerate(edges) if own == most], slice(-most, None), 1))
+    found = []
+    for whole, own, count in kinds:
+        A = np.array([scale * jacobians[k][own] for k in whole])
+        b = np.array([scale * residuals[k][own] for k in whole])
+        split = count if b.shape[1] % count == 0 else 1
+        early = sum(k < len(residuals) // 2 for k in whole)
+        found.append(_one_kind(A, b, split, early, repeats=repeats))
     excess, first, *halves = (sum(every) for every in zip(*found, strict=True))
     return Likeness(excess=excess, halves=_disagreement(first, halves[:2], halves[2:], covariance))
 
 
-def _one_kind(A: FloatArray, b: FloatArray, nodes: int, *, repeats: bool) -> tuple[FloatArray, ...]:
-    """Return excess, first half's score, and both halves' information and excess, of some rows."""
+def _one_kind(
+    A: FloatArray, b: FloatArray, nodes: int, early: int, *, repeats: bool
+) -> tuple[FloatArray, ...]:
+    """Return excess, first half's score, and both halves' information and excess, of some rows.
+
+    The first `early` blocks are the first half.
+    """
     count, size, p = A.shape
     A, b = A.reshape(count * nodes, size // nodes, p), b.reshape(count * nodes, -1)
     fading = _autocovariance(b)
-    middle = count // 2 * nodes
+    middle = early * nodes
     halves = A[:middle], A[middle:]
     excess = _excess(A, fading)
     if repeats:
@@ -118,13 +130,11 @@ def besides_torques(
     torques: Sequence[int],
     nodes: int,
     edges: Sequence[int] = (),
-    *,
-    is_free: bool,
 ) -> list[FloatArray]:
     """Return the residuals that must be white: all but torques, of blocks that lack no channel.
 
-    On a free base all must be white: torques set it in motion too, so that errors of the base and
-    of the inertial unit are in them as well.
+    This is on a base that is held. On a free one all must be white: torques set it in motion too,
+    so that errors of the base and of the inertial unit are in them as well.
 
     Parameters
     ----------
@@ -132,13 +142,14 @@ def besides_torques(
     nodes : number of nodes per block
     edges : per block, number of last rows, of its edge, in which the torques' residuals are too
     """
-    size = max(map(len, residuals), default=0)
-    whole = [k for k, rows in enumerate(residuals) if len(rows) == size]
+    edges = edges or [0] * len(residuals)
+    inner = [rows[: len(rows) - edge] for rows, edge in zip(residuals, edges, strict=True)]
+    size = max(map(len, inner), default=0)
+    whole = [k for k, rows in enumerate(inner) if len(rows) == size]
     first = min((torques[k] for k in whole), default=0)
-    inner = size - (edges[whole[-1]] if edges and whole else 0)
-    if is_free or inner % nodes:
+    if size % nodes:
         return list(residuals)
-    return [residuals[k][:inner].reshape(nodes, -1)[:, first:].ravel() for k in whole]
+    return [inner[k].reshape(nodes, -1)[:, first:].ravel() for k in whole]
 
 
 def widened(covariance: FloatArray, excess: FloatArray) -> FloatArray:
@@ -152,7 +163,7 @@ def widened(covariance: FloatArray, excess: FloatArray) -> FloatArray:
     return np.asarray(covariance + 0.5 * (grown + grown.T), np.float64)
 
 
-def unexplained(rows: Collection[Rows], blocks: Sequence[Block], nodes: int) -> float:
+def unexplained(rows: Iterable[Rows], blocks: Sequence[Block], nodes: int) -> float:
     """Return the rms of the residual torques over that of the torques about their mean.
 
     Forces and moments of a wrench sensor are judged apart from the joints' torques, which may be

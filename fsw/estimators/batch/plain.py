@@ -19,8 +19,7 @@ from fsw.estimators.model.inertia import (
     to_log_cholesky,
 )
 from fsw.estimators.model.prior import Prior
-from fsw.estimators.model.problem import IMPLAUSIBLE, Problem
-from fsw.estimators.recursive.change import MISMATCH_LEVEL
+from fsw.estimators.model.problem import Problem
 from fsw.estimators.square_root import SquareRootInformation
 from fsw.messages import FloatArray
 
@@ -29,7 +28,6 @@ PATIENCE = 10  # steps; if none of them is shorter by a tenth than all before, t
 CONVERGED = 1e-3  # whitened rms step at which the iteration stops
 COST_RISE = 1e-3  # relative, of a step between consistent bodies; above, it is halved
 HALVINGS = 10
-SETTLED_COST = 1e-3  # relative fall of the cost at which iterations end where nothing can fit
 NOISE_PROBABILITY = 1e-3  # that noise alone moves a body so far out of the consistent ones
 WEAKEST_GAIN = (
     0.5  # prior variance over posterior variance, minus one, of the least known direction
@@ -98,15 +96,6 @@ def plain_step(
     return mean, float(np.sqrt(step @ step / len(x))), information
 
 
-def is_hopeless(problem: Problem, x: FloatArray) -> bool:
-    """Return whether arm or calibration contradict their prior at x at any level of the noise.
-
-    A variance of the noise below MISMATCH_LEVEL brings a state nearer to its prior by that factor
-    at most, so that it stays implausible. Only other blocks or other bodies can make it plausible.
-    """
-    return problem.least_plausible(x)[1] > MISMATCH_LEVEL * IMPLAUSIBLE
-
-
 def plain_solution(
     problem: Problem, target: RowsAt, prior: Prior, start: FloatArray
 ) -> tuple[FloatArray, BatchSolution | None]:
@@ -144,7 +133,7 @@ def at_the_edge(
 ) -> tuple[FloatArray, BatchSolution | None]:
     """Return where steps over the consistent bodies settle; and the solution if these bound it.
 
-    Steps that do not settle return the start and None; those that cannot fit, where they end.
+    Steps that do not settle return the start and None.
     """
     x = to_x(problem, to_theta(problem, start))
     cost, lengths = _tried(target, prior, x), _Lengths()
@@ -165,17 +154,13 @@ def at_the_edge(
         if lengths.stagnate(float(np.sqrt(step @ step))):
             break
         # re-weighted rows have their solution near the least cost, not at it
-        before, most = cost, cost + max(1.0, COST_RISE * cost)
+        most = cost + max(1.0, COST_RISE * cost)
         for halved in range(HALVINGS):
             trial = x + 0.5**halved * whole
             cost = _tried(target, prior, trial)
             if cost <= most:
                 break
-        if cost > most:
-            break
         x = trial
-        if abs(before - cost) < SETTLED_COST * before and is_hopeless(problem, x):
-            return x, None
     return start, None
 
 

@@ -292,8 +292,6 @@ def _likelihood(
         unfit = settled.misfit or solution.status == "NOT_CONVERGED"
         if unfit and any(group.of_model for group in found):
             break
-        if settled.misfit and conflicts:  # wider bodies have not made it fit
-            break
         conflicts += found
         if more == 0 or all(group.factor == 1.0 for group in found):
             contradicted = bool(found)

@@ -2,29 +2,26 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import compress
+from itertools import chain, compress
 
 import numpy as np
 from scipy.special import chdtri
 
-from fsw.estimators.batch.plain import BatchSolution, is_hopeless
+from fsw.estimators.batch.plain import BatchSolution
 from fsw.estimators.batch.solver import Progress, Target, minimise
 from fsw.estimators.block_view import fitting
 from fsw.estimators.creep import Scores, changes, worst_change
 from fsw.estimators.few_windows import FEW_WINDOWS
 from fsw.estimators.few_windows import in_words as few_in_words
-from fsw.estimators.likeness import in_words, unexplained
+from fsw.estimators.likeness import in_words
 from fsw.estimators.measurement.row_functions import Linearisation
 from fsw.estimators.model.problem import Problem
-from fsw.estimators.recursive.change import MISMATCH_LEVEL, InnovationMonitor
-from fsw.estimators.recursive.trust import UNEXPLAINED, Trust, is_scattered
+from fsw.estimators.recursive.change import InnovationMonitor
+from fsw.estimators.recursive.trust import Trust, is_scattered
 from fsw.messages import Block, FloatArray
 
 GATE_ROUNDS = 6
 LEVEL_TOLERANCE = 0.05
-WORTH = (
-    4.0  # factor by which a round must lower a variance that noise does not explain, to be worth it
-)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -38,7 +35,7 @@ class Settled:
     residuals: Sequence[FloatArray]
     likely: FloatArray  # (p, p), wider where residuals are alike from block to block
     covariance: FloatArray  # (p, p), and where what is constant creeps
-    misfit: bool  # many blocks do not fit the others; residuals or calibration are far off
+    misfit: bool  # many blocks do not fit the others, or residuals are far larger than noise
     against: str  # what noise does not explain; empty: nothing
     note: str  # why sigma is wider than that of the declared noise; empty: it is not
 
@@ -67,21 +64,19 @@ def settle(
         used, fitted = fitting(blocks, fits), fits
         target = Target(linear, fits, noise.variance)
         solution = minimise(problem, target, progress, start)
-        residuals = [part.b.copy() for every in linear.parts(solution.mean, fits) for part in every]
+        every = chain.from_iterable(linear.parts(solution.mean, fits))
+        whole = [(part.b.copy(), part.edge) for part in every]
+        residuals = [b for b, _ in whole]
         left = list(compress(residuals, fits))
         if solution.status == "ABORTED":
             break
         few = not problem.is_free and len(left) < FEW_WINDOWS
-        before, noise = noise, _noise(problem, left if few else residuals, solution)
-        limits = [noise.level * float(chdtri(len(b), gate_probability)) for b in residuals]
-        fits = [float(b @ b) <= limit for b, limit in zip(residuals, limits, strict=True)]
+        judged = compress(whole, fits) if few else whole
+        at_nodes = [b[: len(b) - edge] for b, edge in judged]
+        before, noise = noise, _noise(problem, at_nodes, solution)
+        fits = fit(whole, noise.level, gate_probability)
         if is_scattered(fits.count(False), sum(fits)):
             scattered = f"{fits.count(False)} of {len(blocks)} windows do not fit the others"
-            break
-        large = _is_large(problem, linear, blocks, solution.mean, noise.level)
-        if large and (fits == fitted or 1.0 < before.level < WORTH * noise.level):
-            break  # other blocks would not make it fit
-        if fits == fitted and is_hopeless(problem, solution.mean):
             break
         moved = abs(noise.variance / before.variance - 1.0)
         if more == 0 or (fits == fitted and moved < LEVEL_TOLERANCE):
@@ -110,8 +105,7 @@ def settle(
         level=level,
         used=used,
         residuals=left,
-        misfit=solution.status != "ABORTED"
-        and (bool(scattered) or trust.is_large(level) or is_hopeless(problem, solution.mean)),
+        misfit=solution.status != "ABORTED" and (bool(scattered) or trust.is_large(level)),
         likely=trust.likely(white, len(left)),
         covariance=covariance,
         note="; ".join(filter(None, (few_in_words(len(used), noise.doubt), alike))),
@@ -119,13 +113,22 @@ def settle(
     )
 
 
-def _is_large(
-    problem: Problem, linear: Linearisation, blocks: Sequence[Block], x: FloatArray, level: float
-) -> bool:
-    """Return whether neither noise nor the share that may be unmodelled explains a level at x."""
-    if level <= MISMATCH_LEVEL or problem.is_free:
-        return level > MISMATCH_LEVEL
-    return unexplained(linear(x), blocks, problem.nodes) > UNEXPLAINED
+def fit(found: Sequence[tuple[FloatArray, int]], level: float, probability: float) -> list[bool]:
+    """Return which blocks fit, given the whitened residuals of each, and how many are its edge's.
+
+    A block that does not fit hands on a wrong motion, and the next ones do not fit their edges. Of
+    such a run only the first is left out, and those whose nodes do not fit either; once they hand
+    on no motion, the next round judges the others.
+    """
+    fits, follows = list[bool](), False
+    for b, edge in found:
+        nodes = b[: len(b) - edge]
+        off, off_at_nodes = (
+            float(own @ own) > level * float(chdtri(len(own), probability)) for own in (b, nodes)
+        )
+        fits.append(not (off_at_nodes or (off and not (edge and follows))))
+        follows = off or off_at_nodes
+    return fits
 
 
 def _fitted(problem: Problem, solution: BatchSolution) -> float:

@@ -13,12 +13,10 @@ from fsw.estimators.batch.curvature import STIFF, WEAK, Widening, widen
 from fsw.estimators.batch.plain import (
     CONVERGED,
     MAX_PLAIN_STEPS,
-    SETTLED_COST,
     WEAKEST_GAIN,
     BatchSolution,
     RowsAt,
     cost_of,
-    is_hopeless,
     plain_solution,
     to_theta,
     to_x,
@@ -172,8 +170,7 @@ def _damped(
             break
         # a step that is cut short and gains nothing: the least cost is infinitely far away
         away = _runs_away(problem, step) if gained < CONVERGED**2 * len(x) else []
-        hopeless = gained < SETTLED_COST * cost and is_hopeless(problem, x)
-        if moved < CONVERGED or away or hopeless:
+        if moved < CONVERGED or away:
             status = "OK"
             break
     if status == "OK" and weakest_gain(problem, stacked) < WEAKEST_GAIN:

@@ -40,6 +40,8 @@ def angles_are_noisy(block: Block) -> bool:
     m = len(block.t_ns)
     if block.cov_joint.shape[1:2] != (3 * m,):
         return False
+    if block.walk_rad2.size:  # it is added
+        return True
     variances = np.einsum("jii->ji", block.cov_joint)[:, 2 * m :]
     return bool(variances.max(initial=0.0) > NOISY_RAD**2)
 
@@ -129,11 +131,11 @@ class BlockStack:
 
     @property
     def angles_are_noisy(self) -> bool:
-        """Return whether the blocks give the covariance of angles beside that of rates."""
+        """Return `angles_are_noisy` of the blocks, which is the same for all of a kind."""
         return angles_are_noisy(self.blocks[0])
 
     @property
-    def has_edges(self) -> bool:
+    def has_angles(self) -> bool:
         """Return whether the blocks give the covariance of angles beside that of rates."""
         return bool(self.blocks[0].cov_joint.shape[1] == 3 * self.m)
 

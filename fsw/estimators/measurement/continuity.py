@@ -11,6 +11,9 @@ with s0 and P mean and covariance of the end before, given all blocks since the 
 state x. So the rows of a run of blocks are those of the whole run, with its motion unknown, block
 by block: a Kalman filter of the motion beside the state, whose derivative by the state is carried
 too. The rows of the edge come last, so that the whitened rows of the nodes are those without them.
+What noise does not explain hands on a motion as uncertain as its residuals are large. On a base
+that is held, torques hold friction that no state explains and that outlasts a window; there, every
+block is alone.
 Source: Kailath, Sayed, Hassibi, Linear Estimation (2000), sec. 9.2.
 """
 
@@ -28,16 +31,17 @@ from fsw.estimators.measurement.motion_noise import smoothed
 from fsw.estimators.measurement.mrnea import Rows
 from fsw.estimators.polynomial import EXTRA_DEGREE
 from fsw.estimators.truncation import OMITTED, coefficients
-from fsw.messages import FloatArray
+from fsw.messages import FloatArray, IntArray
 
+NOISE_POWER = 4.0  # mean squared whitened residual; above it no noise explains what is handed on
 ADJOINING_NS = 1000  # windows that are farther apart share no motion
-INTEGRATED_RAD2 = 1.0  # variance of the step between two integrals of a speed
 
 
 @lru_cache(maxsize=8)
 def edge_operator(nodes: int, half_s: float) -> FloatArray:
     """Return (4, 3, m): position and rate at start, then at end, by [qd, qdd, q] at m nodes."""
-    degree, edge = nodes - 1 + EXTRA_DEGREE + OMITTED, np.array([-1.0, 1.0])
+    degree = min(nodes - 1 + EXTRA_DEGREE + OMITTED, 3 * nodes - 1)  # as many as values
+    edge = np.array([-1.0, 1.0])
     value = legendre.legvander(edge, degree)
     unit = np.eye(degree + 1)
     slope = np.stack([legendre.legval(edge, legendre.legder(one)) for one in unit], axis=1)
@@ -54,6 +58,7 @@ class _Edges:
     The 2 n values of an edge are position and rate, joint by joint.
     """
 
+    kept: IntArray  # which of the 2 n values are joined: no angle that is the integral of a speed
     value: FloatArray  # (B, 2, 2 n) at start and end
     by_motion: FloatArray  # (B, n, 3 m, 4) covariance of the motion with the edges
     cov: FloatArray  # (B, 2, 2 n, 2, 2 n)
@@ -68,13 +73,15 @@ def _edges(s: BlockStack, D: FloatArray, half_s: float) -> _Edges:
     value = np.einsum("fdi,dbij->bfj", E, z).reshape(B, 2, 2, n)
     G = s.cov_joint @ E.reshape(4, -1).T
     V = (E.reshape(4, -1) @ G).reshape(B, n, 2, 2, 2, 2)
+    joined = np.ones((n, 2), np.bool_)
     if s.walk_rad2.size:
-        V[:, :, 0, 0, 0, 0] += INTEGRATED_RAD2 * (s.walk_rad2 > 0.0)
+        joined[:, 0] = ~(s.walk_rad2 > 0.0).any(axis=0)
     cov, k = np.zeros((B, 2, n, 2, 2, n, 2)), np.arange(n)
     cov[:, :, k, :, :, k] = V.transpose(1, 0, 2, 3, 4, 5)
     by_order = G.reshape(B, n, 3, m, 4)[:, :, :d]
     M = -np.einsum("dbirj,bjdif->birfj", D.reshape(d, B, m, r, n), by_order)
     return _Edges(
+        kept=np.flatnonzero(joined),
         value=value.transpose(0, 1, 3, 2).reshape(B, 2, 2 * n),
         by_motion=G,
         cov=cov.reshape(B, 2, 2 * n, 2, 2 * n),
@@ -104,6 +111,7 @@ class Joined:
     r : (N, r) residuals
     x : (p,) the state
     before : what the block before has handed on
+    joins : whether the motion is joined; else every block is alone
     """
 
     def __init__(
@@ -115,13 +123,15 @@ class Joined:
         x: FloatArray,
         window_s: float,
         before: Impulse | None,
+        *,
+        joins: bool,
     ) -> None:
         self._s, self._D, self._x, self._before, self._found = s, D, x, before, list[_Block]()
         self._spans = [span_ns(block, window_s) for block in s.blocks]
         residuals, n = r.reshape(len(s.blocks), -1), s.n
-        self._edges = _edges(s, D, 0.5 * window_s) if s.has_edges else None
+        self._edges = _edges(s, D, 0.5 * window_s) if joins and s.has_angles else None
         start: tuple[FloatArray, FloatArray] | None = None
-        if before is not None and len(before.motion) == 2 * n:
+        if before is not None and n and len(before.motion) == 2 * n:
             adjoins = abs(self._spans[0][0] - before.end_ns) <= ADJOINING_NS
             start = (before.motion_at(x), before.cov_motion) if adjoins else None
         last_ns = self._spans[0][0]
@@ -141,8 +151,9 @@ class Joined:
             found = dtrtrs(own.root, own.b, lower=1, trans=1)[0] if len(own.b) else own.b
             weighted[k] = found[: s.m * r]
             if own.edge and edges is not None:
-                drawn = found[-own.edge :].reshape(s.n, 2, 1)
-                by_edge[k] = edges.by_motion[k, :, :, :2] @ drawn
+                drawn = np.zeros(2 * s.n)
+                drawn[edges.kept] = found[-own.edge :]
+                by_edge[k] = edges.by_motion[k, :, :, :2] @ drawn.reshape(s.n, 2, 1)
         return smoothed(s, self._D, weighted.reshape(B * s.m, r), by_edge)
 
     def rows(
@@ -150,9 +161,11 @@ class Joined:
     ) -> list[Rows]:
         """Return the whitened rows for the columns X (B, k, p); `each`: what they hand on."""
         found, before, p = list[Rows](), self._before, len(self._x)
-        for k, (own, columns, gained) in enumerate(zip(self._found, X, each, strict=True)):
-            more = [before.J_motion] if own.edge and before is not None else []
-            A = _solved(own.root, np.concatenate([columns, *more]))
+        for k, (own, gained) in enumerate(zip(self._found, each, strict=True)):
+            columns = X[k]
+            if own.edge and before is not None and self._edges is not None:
+                columns = np.concatenate([columns, before.J_motion[self._edges.kept]])
+            A = _solved(own.root, columns)
             before = gained
             if self._edges is not None:
                 none = Impulse(self._spans[k][1], np.zeros(3), np.zeros((3, p)), self._x)
@@ -174,16 +187,19 @@ def _joined(
         return _Block(L, np.zeros((len(r), 0)), _solved(L, r), 0, np.zeros(0), np.zeros((0, 0)))
     by_end, edge = edges.rows[k, :, 1], 0
     if start is not None:
-        mean, cov = start
-        C, edge = edges.rows[k, :, 0], len(mean)
-        S = np.block([[S, C], [C.T, edges.cov[k, 0, :, 0] + cov]])
-        r = np.concatenate([r, edges.value[k, 0] - mean])
-        by_end = np.concatenate([by_end, edges.cov[k, 0, :, 1]])
+        (mean, cov), kept = start, edges.kept
+        C, edge = edges.rows[k, :, 0, kept].T, len(kept)
+        V = (edges.cov[k, 0, :, 0] + cov)[np.ix_(kept, kept)]
+        S = np.block([[S, C], [C.T, V]])
+        r = np.concatenate([r, (edges.value[k, 0] - mean)[kept]])
+        by_end = np.concatenate([by_end, edges.cov[k, 0, kept, 1]])
     L = np.asarray(np.linalg.cholesky(S), np.float64)
     white = _solved(L, np.column_stack([by_end, r]))
     W, b = white[:, :-1], white[:, -1]
     end = edges.value[k, 1] - W.T @ b
-    return _Block(L, W, b, edge, end, edges.cov[k, 1, :, 1] - W.T @ W)
+    cov = edges.cov[k, 1, :, 1] - W.T @ W
+    power = float(b @ b) / max(len(b), 1)
+    return _Block(L, W, b, edge, end, cov * (power if power > NOISE_POWER else 1.0))
 
 
 def _solved(L: FloatArray, X: FloatArray) -> FloatArray:

@@ -247,7 +247,8 @@ def stacked_fused_rows(
     r = r if use.all() else r[:, use]
     S = residual_covariance(s, prediction, use, rate)
     size = S.shape[1]
-    joined = Joined(s, by_motion(prediction)[:, :, use], S, r, x, problem.window_s, before)
+    D, joins = by_motion(prediction)[:, :, use], problem.is_free
+    joined = Joined(s, D, S, r, x, problem.window_s, before, joins=joins)
     at = prediction
     if prediction.D_q is not None and size:
         at = predict(joined.likeliest, x, problem, rate, before)

@@ -24,7 +24,7 @@ def _nothing() -> FloatArray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Impulse:
-    """Angular momentum gained from external moments up to a time, in N; the modes at that time."""
+    """What a block hands on at its end: momentum in N gained so far, modes, the joints' motion."""
 
     end_ns: int
     L_Nms: FloatArray  # (3,)

@@ -36,7 +36,7 @@ class Rows:
 
     A: FloatArray
     b: FloatArray
-    after: Impulse | None = None  # momentum gained up to the block's end; see `impulse`
+    after: Impulse | None = None  # what the block hands on; see `impulse`
     root: FloatArray | None = None  # (k, k) lower root of the noise covariance that whitens
     use: NDArray[np.bool_] | None = None  # (n + 6,) channels at each node: torque, force, rate
     watched: FloatArray | None = None  # (k, q) whitened columns of what might creep; see `creep`
@@ -54,7 +54,8 @@ class Rows:
             return self
         k, root = len(self.b) - self.edge, self.root
         root = None if root is None else root[:k, :k]
-        return replace(self, A=self.A[:k], b=self.b[:k], root=root, edge=0)
+        watched = None if self.watched is None else self.watched[:k]
+        return replace(self, A=self.A[:k], b=self.b[:k], root=root, watched=watched, edge=0)
 
 
 def base_acceleration(

@@ -37,7 +37,23 @@ class Judgement:
     changed: bool
 
 
-def slow_power(residuals: Sequence[FloatArray], level: float) -> tuple[float, float]:
+def shared(group: Sequence[FloatArray], edges: Sequence[int]) -> Sequence[FloatArray]:
+    """Return the residuals of all blocks of a group, or none if their rows are unlike.
+
+    Where a block has no rows of an edge, because nothing was before it, the others' are left out.
+
+    Parameters
+    ----------
+    group : residuals per block; the last `edges` of each are those of its edge
+    """
+    if any(len(rows) != len(group[0]) for rows in group):
+        group = [rows[: len(rows) - edge] for rows, edge in zip(group, edges, strict=False)]
+    return group if all(len(rows) == len(group[0]) for rows in group) else ()
+
+
+def slow_power(
+    residuals: Sequence[FloatArray], level: float, edges: Sequence[int] = ()
+) -> tuple[float, float]:
     """Return the residuals' slow power over that of white noise, and its limit.
 
     Whitened residuals of SLOW_BLOCKS successive blocks are summed and divided by the root of their
@@ -51,11 +67,14 @@ def slow_power(residuals: Sequence[FloatArray], level: float) -> tuple[float, fl
     ----------
     residuals : per block, oldest first; a group with blocks of unlike rows is left out
     level : variance of the noise over the declared one
+    edges : see `shared`
     """
     total, dof = 0.0, 0
+    edges = edges or [0] * len(residuals)
     for first in range(0, len(residuals) - SLOW_BLOCKS + 1, SLOW_BLOCKS):
-        group = residuals[first : first + SLOW_BLOCKS]
-        if any(len(rows) != len(group[0]) for rows in group):
+        own = slice(first, first + SLOW_BLOCKS)
+        group = shared(residuals[own], edges[own])
+        if not len(group):
             continue
         mean = np.sum(group, axis=0)
         total += float(mean @ mean) / SLOW_BLOCKS
@@ -65,7 +84,7 @@ def slow_power(residuals: Sequence[FloatArray], level: float) -> tuple[float, fl
     return total / dof / level, float(chdtri(dof, SLOW_PROBABILITY)) / dof
 
 
-def colour(residuals: Sequence[FloatArray]) -> tuple[float, float]:
+def colour(residuals: Sequence[FloatArray], edges: Sequence[int] = ()) -> tuple[float, float]:
     """Return the lag-1 correlation of the residuals of successive blocks, and its limit.
 
     Residuals of a correct model are white. Those of a wrong model are alike from block to block, as
@@ -75,8 +94,11 @@ def colour(residuals: Sequence[FloatArray]) -> tuple[float, float]:
     Parameters
     ----------
     residuals : whitened, per block, oldest first; pairs of unlike rows are left out
+    edges : see `shared`
     """
-    pairs = [(a, b) for a, b in pairwise(residuals) if len(a) == len(b)]
+    edges = edges or [0] * len(residuals)
+    both = zip(pairwise(residuals), pairwise(edges), strict=True)
+    pairs = [pair for pair in (shared(rows, own) for rows, own in both) if len(pair)]
     power = sum(0.5 * float(a @ a + b @ b) for a, b in pairs)
     count = sum(len(a) for a, _ in pairs)
     if count == 0:

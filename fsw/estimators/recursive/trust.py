@@ -105,14 +105,16 @@ class Trust:
         parts = [(one.b.copy(), one.torques, one.edge) for one in rows]
         residuals, torques = [b for b, _, _ in parts], [count for _, count, _ in parts]
         edges = [edge for _, _, edge in parts]
-        besides = besides_torques(residuals, torques, nodes, edges, is_free=is_free)
+        besides = residuals
+        if not is_free:
+            besides = besides_torques(residuals, torques, nodes, edges)
         self.unexplained = float("inf") if is_free else unexplained(rows, blocks, nodes)
 
         def cost(*, repeats: bool) -> Likeness:
             A = [doubt**-0.5 * one.A for one in rows]
             return likeness(A, residuals, white, level, nodes, edges, repeats=repeats)
 
-        self.learn(residuals, level, besides, cost, few=doubt > 1.0)
+        self.learn(residuals, level, besides, cost, edges, few=doubt > 1.0)
 
     def watch(self, change: Creep | None) -> None:
         """Judge the worst change that the residuals show, if they show any."""
@@ -128,6 +130,7 @@ class Trust:
         level: float,
         besides: Sequence[FloatArray] = (),
         cost: Cost | None = None,
+        edges: Sequence[int] = (),
         *,
         few: bool = False,
     ) -> None:
@@ -138,9 +141,11 @@ class Trust:
         level : variance of the noise over the declared one
         besides : those of the rows that are no torques and therefore must be white
         cost : computes what likeness costs; called where the residuals are alike
+        edges : number of last rows per block that are those of its edge
         few : whether there are too few blocks to find this out: then likeness costs what they show
         """
-        self.slow, self.colour = slow_power(residuals, level), colour(residuals)
+        self.slow = slow_power(residuals, level, edges)
+        self.colour = colour(residuals, edges)
         self.excess, self._judged = None, len(residuals)
         self.against, self.alike = "", _beyond(self.slow, self.colour)
         if not self.alike:
@@ -149,7 +154,8 @@ class Trust:
             return
         lasts, limit = lasting(residuals)
         repeats = lasts > REPEATS * limit and not besides and cost is not None
-        if besides and _beyond(slow_power(besides, level), colour(besides)):
+        of_all = besides is residuals  # which are alike
+        if besides and (of_all or _beyond(slow_power(besides, level), colour(besides))):
             self.against = "residuals that no friction explains are alike from window to window"
         elif abs(lasts) > limit and not repeats:
             self.against = f"residuals half the data apart correlate by {lasts:.2f}"

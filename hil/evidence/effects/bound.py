@@ -16,7 +16,7 @@ from scipy.linalg import block_diag
 from fsw.config import Config
 from fsw.estimators.batch.run import run_batch
 from fsw.estimators.measurement.mrnea import Rows
-from fsw.estimators.measurement.row_functions import row_function, stack
+from fsw.estimators.measurement.row_functions import Linearisation, row_function
 from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.model.robot import RobotModel
@@ -60,10 +60,10 @@ def information_of(name: str, config: Config) -> FloatArray:
     state[:p] = np.concatenate([pi_of(scenario.truth[body]) for body in problem.unknown])
     count = 1 + max(span for span in spans if span is not None)
     root = _prior_root(problem, count)
-    rows = stack(row_function("fused", "eiv", problem), blocks, state)
-    for one, span in zip(rows, spans, strict=True):
-        if span is not None:
-            root = triangular_root(np.vstack([root, _arranged(one.A, problem, span, count)]))
+    linear = Linearisation(row_function("fused", "eiv", problem), blocks)
+    rows = linear(state, [span is not None for span in spans])  # no motion from one to the next
+    for one, span in zip(rows, (span for span in spans if span is not None), strict=True):
+        root = triangular_root(np.vstack([root, _arranged(one.A, problem, span, count)]))
     J = np.zeros((p, p))
     for body in problem.unknown:
         k = problem.body(body)

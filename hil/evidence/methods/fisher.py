@@ -81,17 +81,19 @@ def _row(
     return s.J_tau, J_tau_w, s.J_acc, s.J_gyro, D_tau, D_acc, D_w
 
 
-def information(case: str, sensors: str, channels: str) -> FloatArray:
+def information(
+    case: str, sensors: str, channels: str, *, angles_exact: bool = False
+) -> FloatArray:
     """Return the Fisher information (p, p) of the samples for one choice of channels.
 
     `channels`: all (torque, accelerometer, gyro), rda (torque at the measured rate), cm (gyro),
     torque (torque at the predicted rate). The inverse is the covariance of an efficient estimator
-    with these channels.
+    with these channels and every window's angles alone; with `angles_exact`, of any estimator.
     """
     s, noise = sweep(case), SENSOR_SETS[sensors]
     J, D, variance, shared = _rows(s, noise, channels)
     k = round(WINDOW_S * RATE_HZ)
-    C = noise.position_rad**2 * _acceleration_covariance(k)
+    C = (0.0 if angles_exact else noise.position_rad**2) * _acceleration_covariance(k)
     total = np.zeros((J.shape[2], J.shape[2]))
     r = J.shape[1]
     for first in range(0, len(J) - k + 1, k):

@@ -213,6 +213,8 @@ def endure(
         tally.after_push()
         online.events()
         if k + 1 in (due, count):
+            while online.recursion.memory.in_pass:  # which has memory of its own
+                online.work()
             looks.append(look((k + 1) * per_block, online))
             due *= 10
         if k % SHOW_BLOCKS == 0:

@@ -71,8 +71,9 @@ def with_the_wheels_of(setup: bench.Setup, without: Config) -> float:
     state[problem.at("momentum")] = problem.wheel_axes @ (inertias * truth.wheel_rad_s[0])
     there = left_out.channels(turning, replace(problem, prior_mean=state))
     own = build_problem(without, problem.model)
-    blocks = left_out.measured(left_out.blocks_along(without, own, motion), there)
-    return float(left_out.Information(own, "fused", blocks).shift(blocks).error[0])
+    blocks = left_out.blocks_along(without, own, motion)
+    information = left_out.Information(own, "fused", blocks)
+    return float(information.shift(left_out.measured(blocks, there)).error[0])
 
 
 def test_wheels_that_the_configuration_has_not_cost_as_much_as_is_foretold(tmp_path):

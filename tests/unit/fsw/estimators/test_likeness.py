@@ -108,13 +108,15 @@ def test_likeness_of_an_inertial_unit_is_a_mismatch() -> None:
     for in_torques, in_axes in ((0.9, 0.0), (0.0, 0.9)):
         rows = np.concatenate([noise(rng, in_torques), noise(rng, in_axes)], axis=1)
         blocks = list(rows.reshape(BLOCKS, -1))
-        besides = besides_torques(blocks, [JOINTS] * BLOCKS, NODES, is_free=False)
+        besides = besides_torques(blocks, [JOINTS] * BLOCKS, NODES)
         assert [len(one) for one in besides] == [NODES * JOINTS] * BLOCKS
         trust = Trust()
         trust.learn(blocks, 1.0, besides)
         assert trust.mismatch(1.0) == (in_axes > 0.0)
     alone = list(noise(rng, 0.9).reshape(BLOCKS, -1))
-    assert besides_torques(alone, [JOINTS] * BLOCKS, NODES, is_free=True) == alone
+    of_free_base = Trust()
+    of_free_base.learn(alone, 1.0, alone)
+    assert of_free_base.mismatch(1.0)
 
 
 def test_a_repeated_motion_teaches_nothing_new() -> None:

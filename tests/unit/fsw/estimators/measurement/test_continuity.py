@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
 
+from fsw.estimators.batch.settle import fit
+from fsw.estimators.measurement import continuity
 from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.measurement.continuity import edge_operator
 from fsw.estimators.measurement.fused import fused_rows, predict
@@ -26,14 +28,15 @@ def run(blocks: list[Block], fits: tuple[bool, ...] = ()):
     return linearised(rows, blocks, problem.prior_mean, None, fits)[0]
 
 
-def test_edges_of_polynomials_are_exact() -> None:
+@pytest.mark.parametrize("nodes", range(2, 9))
+def test_edges_of_polynomials_are_exact(nodes: int) -> None:
     """Against numpy's polynomials of the degree of a position's fit."""
     rng = np.random.default_rng(1)
     for _ in range(5):
-        p = Polynomial(rng.normal(size=NODES + 3))
-        t = HALF_S * gauss_nodes(NODES)
+        p = Polynomial(rng.normal(size=nodes + 3))
+        t = HALF_S * gauss_nodes(nodes)
         z = np.stack([p.deriv()(t), p.deriv(2)(t), p(t)])
-        got = np.einsum("fdi,di->f", edge_operator(NODES, HALF_S), z)
+        got = np.einsum("fdi,di->f", edge_operator(nodes, HALF_S), z)
         want = [p(-HALF_S), p.deriv()(-HALF_S), p(HALF_S), p.deriv()(HALF_S)]
         np.testing.assert_allclose(got, want, rtol=1e-9)
 
@@ -86,6 +89,25 @@ def dense(blocks: list[Block]) -> tuple[FloatArray, FloatArray]:
     return A.T @ A, A.T @ b
 
 
+@pytest.fixture
+def explained(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Take residuals as noise, though the prior's mean is not the truth."""
+    monkeypatch.setattr(continuity, "NOISE_POWER", np.inf)
+
+
+def test_what_noise_does_not_explain_hands_on_little() -> None:
+    """At the prior's mean: the covariance of the end is as much larger as the residuals' power."""
+    blocks = noisy_blocks("target", 3, 8.0)[10:12]
+    first = run(blocks)[0]
+    power = float(np.mean(first.b**2))
+    assert power > 4.0
+    assert first.after is not None
+    E = edge_operator(NODES, HALF_S).reshape(4, -1)[2:]
+    plain = E @ blocks[0].cov_joint[0] @ E.T
+    assert first.after.cov_motion[0, 0] == pytest.approx(power * plain[0, 0], rel=0.5)
+
+
+@pytest.mark.usefixtures("explained")
 def test_a_run_of_blocks_is_one_problem() -> None:
     """Block by block, the information is that of one dense covariance of all rows."""
     blocks = noisy_blocks("target", 3, 8.0)[10 : 10 + COUNT]
@@ -131,6 +153,7 @@ def test_a_block_that_does_not_fit_hands_on_no_motion() -> None:
         assert np.array_equal(one.b, alone.b)
 
 
+@pytest.mark.usefixtures("explained")
 @pytest.mark.parametrize("jump", ["angle", "rate"])
 def test_a_jump_between_windows_shows(jump: str) -> None:
     """A step of ten sigmas of the fit at the edge: the rows of the edge are far off, those of the
@@ -148,3 +171,11 @@ def test_a_jump_between_windows_shows(jump: str) -> None:
     before, after = (run([blocks[0], block])[1] for block in (blocks[1], moved))
     k = len(after.b) - after.edge
     assert float(np.sum(after.b[k:] ** 2) - np.sum(before.b[k:] ** 2)) > 20.0
+
+
+def test_only_the_first_of_a_run_is_left_out_if_the_edges_alone_are_off() -> None:
+    """Seven windows: one is off at its nodes, and the two after it at their edges; one alone."""
+    good, nodes, edge = np.ones(66), np.ones(66), np.ones(66)
+    nodes[:52], edge[52:] = 9.0, 30.0
+    found = [(good, 0), (nodes, 14), (edge, 14), (edge, 14), (good, 14), (edge, 14), (good, 14)]
+    assert fit(found, 1.0, 1e-6) == [True, False, True, True, True, False, True]

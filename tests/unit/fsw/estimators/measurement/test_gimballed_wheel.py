@@ -78,7 +78,8 @@ def noisy(block: Block, rng: np.random.Generator) -> Block:
     return replace(
         block,
         qd_rad_s=block.qd_rad_s + joints[:m],
-        qdd_rad_s2=block.qdd_rad_s2 + joints[m:],
+        qdd_rad_s2=block.qdd_rad_s2 + joints[m : 2 * m],
+        q_rad=block.q_rad + joints[2 * m :],
         tau_nm=block.tau_nm + drawn(block.cov_tau[0], block.q_rad.shape[1]),
         w_NB_B_rad_s=block.w_NB_B_rad_s + gyro[:m],
         wd_NB_B_rad_s2=block.wd_NB_B_rad_s2 + gyro[m:],

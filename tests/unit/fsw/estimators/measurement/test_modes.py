@@ -181,15 +181,17 @@ def test_a_gated_block_carries_the_modes_on_and_says_nothing() -> None:
     problem, blocks = problem_with_modes(), true_blocks(40)
     x, rows = true_state(problem), row_function("fused", "eiv", problem)
     prior = SquareRootInformation.from_prior(problem.prior_mean, problem.prior_covariance)
-    memory = Memory(prior, 2)
+    memory, counted = Memory(prior, 2), 0
     for number, block in enumerate(blocks[:6]):
         made = rows(block, x, memory.gained)
         memory.add(block, made, x, keep=True, weight=float(number != 2))
+        counted += len(made.b) * (number != 2)
+        assert (made.edge == 0) == (number in (0, 3))  # the motion is parted after it
         assert memory.gained is not None
         assert not memory.gained.doubt.any()
     assert len(memory.rows_at(x)[0]) == 2
     seen = information(problem, blocks[:2], x)
-    assert memory.rows == 5 * len(made.b)
+    assert memory.rows == counted
     assert np.linalg.slogdet(memory.information.R)[1] > np.linalg.slogdet(seen.R)[1]
 
 

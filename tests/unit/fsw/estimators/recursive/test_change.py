@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fsw.estimators.recursive.change import InnovationMonitor
+from fsw.estimators.recursive.change import InnovationMonitor, colour, slow_power
 from tests.support.estimator_cases import (
     noisy_blocks,
 )
@@ -79,3 +79,14 @@ def test_one_corrupt_block_is_gated_and_does_not_reopen() -> None:
     assert not alarms
     assert estimates[-1].gated == 1
     assert estimates[-1].valid
+
+
+def test_a_first_block_without_an_edge_hides_no_slow_residual():
+    """A constant of one sigma in 31 blocks of 66 rows, of which the first lacks the last 14."""
+    rng = np.random.default_rng(4)
+    blocks = [rng.standard_normal(66) + 1.0 for _ in range(31)]
+    edges = [0] + [14] * 30
+    blocks[0] = blocks[0][:52]
+    found, limit = slow_power(blocks, 1.0, edges)
+    assert found > 5.0 * limit
+    assert colour(blocks, edges)[0] > 0.3
