@@ -203,7 +203,8 @@ def endure(
     online = build_online(config, flown.model)
     tally: Tally = LinearTally(online) if online.linear else StoredTally(online)
     due = min(FIRST_LOOK_UPDATES // per_block, count // 10)
-    due = max(due, min(2 * len(flown.blocks), count // 2))
+    # the last pass is over, and all blocks that it shared its point with have left the store
+    due = max(due, min(3 * len(flown.blocks), count // 2))
     looks: list[Look] = []
     for k in range(count):
         online.work()

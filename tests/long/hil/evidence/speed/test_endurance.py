@@ -9,7 +9,7 @@ from hil.evidence.speed.endurance import ESTIMATORS, Endurance, Look, endure, ma
 from hil.run.flown import Flown
 from tests.support.estimator_cases import RATE_HZ, WINDOW_S, make_config, noisy_blocks, robot_model
 
-BLOCKS = 300  # 60 000 joint sample sets of 500 Hz; half of them before the first look
+BLOCKS = 450  # 90 000 joint sample sets of 500 Hz; half of them before the first look
 UPDATES = BLOCKS * WINDOW_S * RATE_HZ
 
 
