@@ -11,7 +11,7 @@ with s0 and P mean and covariance of the end before, given all blocks since the 
 state x. So the rows of a run of blocks are those of the whole run, with its motion unknown, block
 by block: a Kalman filter of the motion beside the state, whose derivative by the state is carried
 too. The rows of the edge come last, so that the whitened rows of the nodes are those without them.
-What noise does not explain hands on a motion as uncertain as its residuals are large. On a base
+Residuals far beyond noise show that the state is far off, and the motion with it. On a base
 that is held, torques hold friction that no state explains and that outlasts a window; there, every
 block is alone.
 Source: Kailath, Sayed, Hassibi, Linear Estimation (2000), sec. 9.2.
@@ -33,7 +33,7 @@ from fsw.estimators.polynomial import EXTRA_DEGREE
 from fsw.estimators.truncation import OMITTED, coefficients
 from fsw.messages import FloatArray, IntArray
 
-NOISE_POWER = 4.0  # mean squared whitened residual; above it no noise explains what is handed on
+NOISE_POWER = 100.0  # mean squared whitened residual; above it the state is far off, not the motion
 ADJOINING_NS = 1000  # windows that are farther apart share no motion
 
 
@@ -199,7 +199,7 @@ def _joined(
     end = edges.value[k, 1] - W.T @ b
     cov = edges.cov[k, 1, :, 1] - W.T @ W
     power = float(b @ b) / max(len(b), 1)
-    return _Block(L, W, b, edge, end, cov * (power if power > NOISE_POWER else 1.0))
+    return _Block(L, W, b, edge, end, cov * max(1.0, power / NOISE_POWER))
 
 
 def _solved(L: FloatArray, X: FloatArray) -> FloatArray:

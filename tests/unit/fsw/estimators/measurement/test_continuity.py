@@ -100,11 +100,13 @@ def test_what_noise_does_not_explain_hands_on_little() -> None:
     blocks = noisy_blocks("target", 3, 8.0)[10:12]
     first = run(blocks)[0]
     power = float(np.mean(first.b**2))
-    assert power > 4.0
+    assert power > continuity.NOISE_POWER
     assert first.after is not None
     E = edge_operator(NODES, HALF_S).reshape(4, -1)[2:]
     plain = E @ blocks[0].cov_joint[0] @ E.T
-    assert first.after.cov_motion[0, 0] == pytest.approx(power * plain[0, 0], rel=0.5)
+    assert first.after.cov_motion[0, 0] == pytest.approx(
+        power / continuity.NOISE_POWER * plain[0, 0], rel=0.5
+    )
 
 
 @pytest.mark.usefixtures("explained")
