@@ -82,10 +82,8 @@ def likeness(
     repeats : whether the residuals repeat with the motion, so that no lag is too long to count
     """
     edges = edges or [0] * len(residuals)
-    scale, inner = (
-        level**-0.5,
-        [len(rows) - edge for rows, edge in zip(residuals, edges, strict=True)],
-    )
+    scale = level**-0.5
+    inner = [len(rows) - edge for rows, edge in zip(residuals, edges, strict=True)]
     size, most = max(inner), max(edges)
     kinds = [([k for k, own in enumerate(inner) if own == size], slice(size), nodes)]
     if most:
