@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from math import hypot, sqrt
+from math import sqrt
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -304,11 +304,6 @@ class JointConfig(Section):
     def stamp_sigma_s(self) -> float:
         """1 sigma of the error of one sample's time."""
         return 0.0 if self.timing is None else self.timing.sigma_s or 0.0
-
-    @property
-    def position_sigma_rad(self) -> float:
-        """1 sigma of one position sample of a planned motion, at half the speed limit."""
-        return hypot(self.position_noise_rad, 0.5 * self.speed_limit_rad_s * self.stamp_sigma_s)
 
     @property
     def speed_only(self) -> bool:

@@ -176,7 +176,7 @@ class ArmConditioner:
         m, n, half_s = self._nodes, len(positions), (bounds_ns[1] - bounds_ns[0]) * 0.5e-9
         repeats, readings = held
         if n == 0:
-            return _no_arm(m, len(ORDERS) * m)
+            return _no_arm(m)
         fits = [position.fit for position in positions if position.fit is not None]
         motion = np.concatenate([position.values for position in positions], axis=1)
         sigmas, of_speed = self._position_sigma, self.speeds.own
@@ -259,7 +259,8 @@ def tells_of_noise(fill: float) -> bool:
     return 1.0 - LACKING_RATIO <= fill <= 1.0 + SURPLUS_RATIO
 
 
-def _no_arm(m: int, size: int) -> Arm:
+def _no_arm(m: int) -> Arm:
+    size = len(ORDERS) * m
     return Arm(
         motion=np.zeros((len(MOTION), m, 0)),
         tau_nm=np.zeros((m, 0)),
