@@ -35,7 +35,7 @@ class NodeSetup:
         return self._dialogue is not None
 
     def start(self, now_ns: int) -> list[Frame]:
-        """Begin, or begin anew; return the frames to send."""
+        """Begin from the first request; return the frames to send."""
         self._dialogue, self.is_refused = self._begin(), False
         return [encode_nmt(NmtCommand.PRE_OPERATIONAL, self._node_id), *self._ask(b"", now_ns)[0]]
 
@@ -55,7 +55,7 @@ class NodeSetup:
         return [(COB_REQUEST + self._node_id, self._request)], None
 
     def _ask(self, reply: bytes, now_ns: int) -> Outcome:
-        """Return the next request of the dialogue; at its end start the node, if it is as told."""
+        """Return the next request; at the end of the dialogue start the node if it is as it should."""
         if self._dialogue is None:
             return [], None
         try:

@@ -28,7 +28,7 @@ from scipy.linalg.lapack import dtrtrs
 from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.measurement.impulse import Impulse, span_ns
 from fsw.estimators.measurement.motion_noise import smoothed
-from fsw.estimators.measurement.mrnea import Rows
+from fsw.estimators.measurement.mrnea import Rows, whitened
 from fsw.estimators.polynomial import EXTRA_DEGREE
 from fsw.estimators.truncation import OMITTED, coefficients
 from fsw.messages import FloatArray, IntArray
@@ -91,7 +91,7 @@ def _edges(s: BlockStack, D: FloatArray, half_s: float) -> _Edges:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Block:
-    """The rows of a block and of the edge before it, whitened: `white` is [by_end, b]."""
+    """The rows of a block and of the edge before it, whitened."""
 
     root: FloatArray  # (k, k) lower
     by_end: FloatArray  # (k, 2 n) covariance with the errors of the end
@@ -165,7 +165,7 @@ class Joined:
             columns = X[k]
             if own.edge and before is not None and self._edges is not None:
                 columns = np.concatenate([columns, before.J_motion[self._edges.kept]])
-            A = _solved(own.root, columns)
+            A, _ = whitened(own.root, columns, own.b)
             before = gained
             if self._edges is not None:
                 none = Impulse(self._spans[k][1], np.zeros(3), np.zeros((3, p)), self._x)
@@ -184,7 +184,8 @@ def _joined(
 ) -> _Block:
     if edges is None:
         L = np.asarray(np.linalg.cholesky(S), np.float64)
-        return _Block(L, np.zeros((len(r), 0)), _solved(L, r), 0, np.zeros(0), np.zeros((0, 0)))
+        W, b = whitened(L, np.zeros((len(r), 0)), r)
+        return _Block(L, W, b, 0, np.zeros(0), np.zeros((0, 0)))
     by_end, edge = edges.rows[k, :, 1], 0
     if start is not None:
         (mean, cov), kept = start, edges.kept
@@ -194,14 +195,8 @@ def _joined(
         r = np.concatenate([r, (edges.value[k, 0] - mean)[kept]])
         by_end = np.concatenate([by_end, edges.cov[k, 0, kept, 1]])
     L = np.asarray(np.linalg.cholesky(S), np.float64)
-    white = _solved(L, np.column_stack([by_end, r]))
-    W, b = white[:, :-1], white[:, -1]
+    W, b = whitened(L, by_end, r)
     end = edges.value[k, 1] - W.T @ b
     cov = edges.cov[k, 1, :, 1] - W.T @ W
     power = float(b @ b) / max(len(b), 1)
     return _Block(L, W, b, edge, end, cov * max(1.0, power / NOISE_POWER))
-
-
-def _solved(L: FloatArray, X: FloatArray) -> FloatArray:
-    """Return L^-1 X for a lower root L (k, k); LAPACK refuses a block without any channel."""
-    return np.asarray(dtrtrs(L, X, lower=1)[0], np.float64) if len(L) else X
