@@ -55,7 +55,7 @@ class NodeSetup:
         return [(COB_REQUEST + self._node_id, self._request)], None
 
     def _ask(self, reply: bytes, now_ns: int) -> Outcome:
-        """Return the next request; at the end of the dialogue start the node if it is as it should."""
+        """Return the next request; at the end of the dialogue start the node unless it differs."""
         if self._dialogue is None:
             return [], None
         try:
