@@ -193,8 +193,9 @@ class ArmConditioner:
             of_fit = motion.reshape(len(MOTION), m, n)[list(ORDERS)][:, :, own]
             degree = fit.fit.degree + is_speed
             # a coefficient of the position is about that of the speed, integrated
-            of_position = moving[own] * (half_s / (2 * degree - 1) if is_speed else 1.0)
-            cov_joint[own] += omitted(of_fit, degree, half_s, of_position, fit.fit.samples)
+            scale = half_s / (2 * degree - 1) if is_speed else 1.0
+            sigma, left = scale * moving[own], np.array([scale**2 * positions[k].left for k in own])
+            cov_joint[own] += omitted(of_fit, degree, half_s, sigma, fit.fit.samples, left)
             if is_speed:
                 continue
             white = fit.whitener((1, 2)) @ motion[m:, own]
@@ -211,8 +212,8 @@ class ArmConditioner:
             own = np.array([k for k in range(n) if torques[k].fit is found.fit])
             alike = np.where(is_resting[own], readings[own], 1.0)
             variances = self._torque_sigma[own] ** 2 * alike
-            scale = 1.0 if found.fit is None else variances[:, None, None]
-            cov_tau[own] = scale * found.covariance((0,), 1.0, m)
+            unit = 1.0 if found.fit is None else variances[:, None, None]
+            cov_tau[own] = unit * found.covariance((0,), 1.0, m)
         motion = motion.reshape(len(MOTION), m, n)
         if self._coulomb_nm.any():
             lasting = self._standstills.factor(motion[0].mean(axis=0), is_resting)

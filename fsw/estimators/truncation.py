@@ -3,8 +3,9 @@
 The Legendre coefficients of a smooth motion fall with their degree. The two highest of a fit, over
 the two before them, show how fast; the first two that the fit lacks are taken to fall as fast. They
 are errors of the motion beside the noise, unknown and of this size. Coefficients that the noise of
-the samples explains show nothing. A motion that is too fast for its window thereby has an error
-that says so.
+the samples explains show nothing. Where a motion is not smooth, as where it starts within a window,
+they need not fall; then what the fit leaves of the samples beyond their noise is the size of what
+is left out. A motion that is too fast for its window thereby has an error that says so.
 """
 
 from functools import lru_cache
@@ -17,6 +18,7 @@ from fsw.messages import FloatArray
 
 OMITTED = 2  # coefficients: an odd and an even one
 SIGMAS = 2.0  # of a coefficient's noise, which explains a smaller one
+POWER_SIGMAS = 4.0  # of the mean square of residuals, likewise
 
 
 @lru_cache(maxsize=16)
@@ -49,7 +51,12 @@ def coefficients(nodes: int, degree: int, half_s: float) -> FloatArray:
 
 
 def omitted(
-    motion: FloatArray, degree: int, half_s: float, sigma: FloatArray, samples: int
+    motion: FloatArray,
+    degree: int,
+    half_s: float,
+    sigma: FloatArray,
+    samples: int,
+    left: FloatArray,
 ) -> FloatArray:
     """Return the covariance (n, 3 m, 3 m) of [qd, qdd, q] by what the fits of n joints leave out.
 
@@ -58,6 +65,7 @@ def omitted(
     motion : (3, m, n) [qd, qdd, q] at the nodes, polynomials of a `degree`
     sigma : (n,) noise of a sample of the position
     samples : number of samples in the window
+    left : (n,) mean square of what the fits leave of the samples
     """
     m = motion.shape[1]
     of = coefficients(m, degree, half_s)[-4:]
@@ -65,6 +73,8 @@ def omitted(
     noise = SIGMAS * sigma * np.sqrt((2 * np.arange(degree - 1, degree + 1)[:, None] + 1) / samples)
     beyond = np.sqrt(np.sum(np.maximum(size[2:] ** 2 - noise**2, 0.0), axis=0))
     falling = np.minimum(1.0, size[2:].sum(axis=0) / np.maximum(size[:2].sum(axis=0), 1e-300))
+    power = np.maximum(left - sigma**2 * (1.0 + POWER_SIGMAS * np.sqrt(2.0 / samples)), 0.0)
+    square = np.maximum((falling * beyond) ** 2, (2 * (degree + OMITTED) + 1) * power)
     phi = legendre_basis(m, degree + OMITTED, half_s)[:, :, -OMITTED:].reshape(3 * m, OMITTED)
-    found: FloatArray = (falling * beyond)[:, None, None] ** 2 * (phi @ phi.T)
+    found: FloatArray = square[:, None, None] * (phi @ phi.T)
     return found

@@ -27,6 +27,7 @@ class ChannelFit:
     fit: WindowFit | None
     values: FloatArray  # (derivatives times nodes, width)
     removed: int
+    left: float = 0.0  # mean square of what the fit leaves of the samples, of all axes together
 
     def covariance(self, orders: tuple[int, ...], sigma: float, rows: int) -> FloatArray:
         """Return the covariance (rows, rows) of one axis; the identity if there is no fit."""
@@ -138,7 +139,10 @@ def _fit_alike(group: Sequence[Wanted]) -> list[Fitted]:
     if len(group) > 1:
         values, sigmas = np.stack([w.values for w in group]), np.stack([w.sigmas for w in group])
     coefficients = fit.coefficients(values)
-    worst = np.abs(fit.residuals(values, coefficients)).max(axis=1)
+    left = fit.residuals(values, coefficients)
+    worst = np.abs(left).max(axis=1)
+    power = np.einsum("bkc,bkc->bc", left, left) / left.shape[1]
+    power = power.reshape(len(group), -1, width).sum(axis=2)
     clean = worst.reshape(len(group), -1, width).max(axis=2) <= GATE_SIGMAS * sigmas
     at_nodes = fit.operators(orders) @ coefficients
     products = _products(group, instants, values)
@@ -147,7 +151,7 @@ def _fit_alike(group: Sequence[Wanted]) -> list[Fitted]:
     for at, (own, columns, are_clean) in enumerate(rows):
         window_fit = WindowFit(fit, at if instants.windows > 1 else ())
         channels = [
-            ChannelFit(window_fit, columns[:, i * width : (i + 1) * width], 0)
+            ChannelFit(window_fit, columns[:, i * width : (i + 1) * width], 0, float(power[at, i]))
             if is_clean
             else _robust(own, i)
             for i, is_clean in enumerate(are_clean)
@@ -201,9 +205,11 @@ def _robust(own: Wanted, channel: int) -> ChannelFit:
         instants = own.instants if keep.all() else own.instants.kept(keep, degree)
         fit = instants.fit(degree)
         coefficients = fit.coefficients(values[keep])
-        good = _inliers(fit.residuals(values[keep], coefficients), sigma)
+        left = fit.residuals(values[keep], coefficients)
+        good = _inliers(left, sigma)
         if good.all():
-            return ChannelFit(WindowFit(fit), fit.operators(own.orders) @ coefficients, removed)
+            at_nodes, power = fit.operators(own.orders) @ coefficients, np.mean(left**2) * own.width
+            return ChannelFit(WindowFit(fit), at_nodes, removed, float(power))
         removed += int(np.sum(~good))
         keep[keep] = good
         if keep.sum() < least:

@@ -57,13 +57,13 @@ def test_a_shelf_is_a_list(count: int) -> None:
 
 
 def repeated(times: int) -> Iterator[Block]:
-    """Yield the blocks of a motion that is repeated, each time with other noise."""
+    """Yield the blocks of a motion that is repeated after a gap, each time with other noise."""
     motion = true_blocks_cached("target", SECONDS)
     rng = np.random.default_rng(3)
     biases = draw_biases(rng)
     for k in range(times * len(motion)):
         block = noisy(motion[k % len(motion)], rng, biases)
-        later_ns = k // len(motion) * len(motion) * round(1e9 * WINDOW_S)
+        later_ns = k // len(motion) * (len(motion) + 1) * round(1e9 * WINDOW_S)
         yield replace(block, index=k, t_ns=block.t_ns + later_ns)
 
 

@@ -28,7 +28,7 @@ def with_offset(config: Config, sigma_nm: float, joint: int = 3) -> Config:
 def case():
     config = with_offset(make_config(), OFFSET_NM)
     problem = build_problem(config, robot_model())
-    motion = replace(nominal_motion(config, problem.model), duration_s=8.0)
+    motion = replace(nominal_motion(config, problem.model), duration_s=16.0)
     blocks = left_out.blocks_along(config, problem, motion)
     return config, problem, blocks
 
