@@ -194,8 +194,8 @@ class ArmConditioner:
             degree = fit.fit.degree + is_speed
             # a coefficient of the position is about that of the speed, integrated
             scale = half_s / (2 * degree - 1) if is_speed else 1.0
-            sigma, left = scale * moving[own], np.array([scale**2 * positions[k].left for k in own])
-            cov_joint[own] += omitted(of_fit, degree, half_s, sigma, fit.fit.samples, left)
+            sigma, left = scale * moving[own], scale**2 * np.array([positions[k].left for k in own])
+            cov_joint[own] += omitted(of_fit, degree, half_s, sigma, fit.fit.samples, left.T)
             if is_speed:
                 continue
             white = fit.whitener((1, 2)) @ motion[m:, own]

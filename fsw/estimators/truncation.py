@@ -5,7 +5,8 @@ the two before them, show how fast; the first two that the fit lacks are taken t
 are errors of the motion beside the noise, unknown and of this size. Coefficients that the noise of
 the samples explains show nothing. Where a motion is not smooth, as where it starts within a window,
 they need not fall; then what the fit leaves of the samples beyond their noise is the size of what
-is left out. A motion that is too fast for its window thereby has an error that says so.
+is left out: what they have in common with the next sample's. A motion that is too fast for its
+window thereby has an error that says so.
 """
 
 from functools import lru_cache
@@ -18,7 +19,7 @@ from fsw.messages import FloatArray
 
 OMITTED = 2  # coefficients: an odd and an even one
 SIGMAS = 2.0  # of a coefficient's noise, which explains a smaller one
-POWER_SIGMAS = 4.0  # of the mean square of residuals, likewise
+POWER_SIGMAS = 4.0  # of a mean product of residuals, likewise
 
 
 @lru_cache(maxsize=16)
@@ -65,15 +66,16 @@ def omitted(
     motion : (3, m, n) [qd, qdd, q] at the nodes, polynomials of a `degree`
     sigma : (n,) noise of a sample of the position
     samples : number of samples in the window
-    left : (n,) mean square of what the fits leave of the samples
+    left : (2, n) mean products of what the fits leave of samples, 0 and 1 apart
     """
     m = motion.shape[1]
     of = coefficients(m, degree, half_s)[-4:]
     size = np.abs(np.einsum("cdi,din->cn", of, motion))
-    noise = SIGMAS * sigma * np.sqrt((2 * np.arange(degree - 1, degree + 1)[:, None] + 1) / samples)
+    white = np.sqrt(np.maximum(sigma**2, left[0] - left[1]))  # also if more than declared
+    noise = SIGMAS * white * np.sqrt((2 * np.arange(degree - 1, degree + 1)[:, None] + 1) / samples)
     beyond = np.sqrt(np.sum(np.maximum(size[2:] ** 2 - noise**2, 0.0), axis=0))
     falling = np.minimum(1.0, size[2:].sum(axis=0) / np.maximum(size[:2].sum(axis=0), 1e-300))
-    power = np.maximum(left - sigma**2 * (1.0 + POWER_SIGMAS * np.sqrt(2.0 / samples)), 0.0)
+    power = np.maximum(left[1] - white**2 * (1.0 + POWER_SIGMAS / np.sqrt(samples)), 0.0)
     square = np.maximum((falling * beyond) ** 2, (2 * (degree + OMITTED) + 1) * power)
     phi = legendre_basis(m, degree + OMITTED, half_s)[:, :, -OMITTED:].reshape(3 * m, OMITTED)
     found: FloatArray = square[:, None, None] * (phi @ phi.T)

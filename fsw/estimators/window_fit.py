@@ -27,7 +27,7 @@ class ChannelFit:
     fit: WindowFit | None
     values: FloatArray  # (derivatives times nodes, width)
     removed: int
-    left: float = 0.0  # mean square of what the fit leaves of the samples, of all axes together
+    left: tuple[float, float] = (0.0, 0.0)  # mean products of residuals 0 and 1 samples apart
 
     def covariance(self, orders: tuple[int, ...], sigma: float, rows: int) -> FloatArray:
         """Return the covariance (rows, rows) of one axis; the identity if there is no fit."""
@@ -141,8 +141,7 @@ def _fit_alike(group: Sequence[Wanted]) -> list[Fitted]:
     coefficients = fit.coefficients(values)
     left = fit.residuals(values, coefficients)
     worst = np.abs(left).max(axis=1)
-    power = np.einsum("bkc,bkc->bc", left, left) / left.shape[1]
-    power = power.reshape(len(group), -1, width).sum(axis=2)
+    power = _powers(left).reshape(len(group), 2, -1, width).sum(axis=3)
     clean = worst.reshape(len(group), -1, width).max(axis=2) <= GATE_SIGMAS * sigmas
     at_nodes = fit.operators(orders) @ coefficients
     products = _products(group, instants, values)
@@ -151,7 +150,9 @@ def _fit_alike(group: Sequence[Wanted]) -> list[Fitted]:
     for at, (own, columns, are_clean) in enumerate(rows):
         window_fit = WindowFit(fit, at if instants.windows > 1 else ())
         channels = [
-            ChannelFit(window_fit, columns[:, i * width : (i + 1) * width], 0, float(power[at, i]))
+            ChannelFit(
+                window_fit, columns[:, i * width : (i + 1) * width], 0, tuple(power[at, :, i])
+            )
             if is_clean
             else _robust(own, i)
             for i, is_clean in enumerate(are_clean)
@@ -193,6 +194,14 @@ def _products(group: Sequence[Wanted], instants: Instants, values: FloatArray) -
     return found if np.isfinite(found).all() else np.nan_to_num(found, posinf=0.0, neginf=0.0)
 
 
+def _powers(left: FloatArray) -> FloatArray:
+    """Return the mean products (..., 2, c) of residuals (..., k, c) 0 and 1 samples apart."""
+    later = np.concatenate([left[..., 1:, :], np.zeros_like(left[..., :1, :])], axis=-2)
+    k = left.shape[-2]
+    found: FloatArray = np.stack([(left * own).sum(axis=-2) / k for own in (left, later)], axis=-2)
+    return found
+
+
 def _robust(own: Wanted, channel: int) -> ChannelFit:
     """Fit one channel (k, width), leaving outliers out."""
     degree, sigma = own.degree, own.sigmas[channel]
@@ -208,8 +217,8 @@ def _robust(own: Wanted, channel: int) -> ChannelFit:
         left = fit.residuals(values[keep], coefficients)
         good = _inliers(left, sigma)
         if good.all():
-            at_nodes, power = fit.operators(own.orders) @ coefficients, np.mean(left**2) * own.width
-            return ChannelFit(WindowFit(fit), at_nodes, removed, float(power))
+            at_nodes, power = fit.operators(own.orders) @ coefficients, _powers(left).sum(axis=1)
+            return ChannelFit(WindowFit(fit), at_nodes, removed, tuple(power))
         removed += int(np.sum(~good))
         keep[keep] = good
         if keep.sum() < least:

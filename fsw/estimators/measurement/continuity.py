@@ -34,6 +34,7 @@ from fsw.estimators.truncation import OMITTED, coefficients
 from fsw.messages import FloatArray, IntArray
 
 NOISE_POWER = 100.0  # mean squared whitened residual; above it the state is far off, not the motion
+FAR_OFF = 4.0  # power of the excess over it by which a motion handed on is less certain
 ADJOINING_NS = 1000  # windows that are farther apart share no motion
 
 
@@ -199,4 +200,4 @@ def _joined(
     end = edges.value[k, 1] - W.T @ b
     cov = edges.cov[k, 1, :, 1] - W.T @ W
     power = float(b @ b) / max(len(b), 1)
-    return _Block(L, W, b, edge, end, cov * max(1.0, power / NOISE_POWER))
+    return _Block(L, W, b, edge, end, cov * max(1.0, power / NOISE_POWER) ** FAR_OFF)
