@@ -18,8 +18,6 @@ from numpy.typing import NDArray
 from fsw.estimators.effects.joint_torque import JointMotion
 from fsw.messages import Block, FloatArray
 
-NOISY_RAD = 2e-7
-
 
 def covariance_root(covariance: FloatArray) -> FloatArray:
     """Return F (..., k, k) with F F^T = covariance (..., k, k), which may be singular."""
@@ -32,18 +30,7 @@ def kind_of(block: Block) -> tuple[object, ...]:
     """Return a key that blocks of one stack have in common: shapes and usable channels."""
     usable = (block.has_gyro, block.has_accelerometer, block.has_attitude)
     shapes = (block.q_rad.shape, block.cov_joint.shape, block.cov_wheel.shape)
-    return (shapes, block.has_joint.tobytes(), usable, block.edges.shape, angles_are_noisy(block))
-
-
-def angles_are_noisy(block: Block) -> bool:
-    """Return whether the errors of the angles are seen in the channels, beside those of rates."""
-    m = len(block.t_ns)
-    if block.cov_joint.shape[1:2] != (3 * m,):
-        return False
-    if block.walk_rad2.size:  # it is added
-        return True
-    variances = np.einsum("jii->ji", block.cov_joint)[:, 2 * m :]
-    return bool(variances.max(initial=0.0) > NOISY_RAD**2)
+    return (shapes, block.has_joint.tobytes(), usable, block.edges.shape)
 
 
 def stacks_of(blocks: Sequence[Block]) -> list[BlockStack]:
@@ -128,11 +115,6 @@ class BlockStack:
     def root_acc(self) -> FloatArray:
         """Root of the accelerometer's covariance."""
         return covariance_root(self.cov_acc)
-
-    @property
-    def angles_are_noisy(self) -> bool:
-        """Return `angles_are_noisy` of the blocks, which is the same for all of a kind."""
-        return angles_are_noisy(self.blocks[0])
 
     @property
     def has_angles(self) -> bool:

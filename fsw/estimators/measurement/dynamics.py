@@ -87,7 +87,8 @@ def dynamics(
     if Y_field is not None:
         Y -= Y_field
     by_angle = h_by_angle = None
-    if s.angles_are_noisy or needs_angle_columns(problem) or present(problem.at("mode_start")):
+    needed = problem.angles_are_noisy or needs_angle_columns(problem)
+    if needed or present(problem.at("mode_start")):
         by_angle = model.angle_derivatives(q, w, qd, a)
         h_by_angle = model.momentum_derivatives(q, nu)
     return Dynamics(

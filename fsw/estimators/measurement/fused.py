@@ -118,7 +118,7 @@ def predict(
         D_qdd=D[:, : t + 3, :n],
         D_qd=D[:, :, n + 3 : 2 * n + 3],
         D_w=D_w,
-        D_q=D_q if s.angles_are_noisy else None,
+        D_q=D_q if problem.angles_are_noisy and s.has_angles else None,
         D_wheel=D_wheel,
         after=at.each[-1],
         each=at.each,

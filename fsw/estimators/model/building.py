@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
-from fsw.config import BaseConfig, BodyConfig, Config
+from fsw.config import BaseConfig, BodyConfig, Config, JointConfig
 from fsw.errors import ConfigError
 from fsw.estimators.effects.joint_torque import terms_of
 from fsw.estimators.effects.registered import TORQUE_EFFECTS
@@ -32,6 +32,7 @@ from fsw.estimators.rotation import rotation_from_xyzw
 from fsw.messages import Block, FloatArray
 
 S = TypeVar("S", bound=BaseModel)
+NOISY_RAD = 2e-7  # errors of angles above it are seen in the channels, beside those of rates
 NOTHING_EXACT = 1e-3  # sigma of what is watched; any positive value gives the same columns
 
 
@@ -230,6 +231,11 @@ def _doubted(section: S, sigmas: Mapping[str, float]) -> S:
     return section.model_copy(update=absent)
 
 
+def _angle_is_noisy(joint: JointConfig) -> bool:
+    moved_rad = joint.stamp_sigma_s * joint.speed_limit_rad_s
+    return joint.speed_only or bool(np.hypot(joint.position_noise_rad, moved_rad) > NOISY_RAD)
+
+
 def _problem_of(config: Config, model: RobotModel, exact: bool, blocks: Sequence[Block]) -> Problem:
     joints = [config.joints[k] for k in joint_order(config, model)]
     walks = walks_of(config, joint_order(config, model), blocks)
@@ -306,6 +312,7 @@ def _problem_of(config: Config, model: RobotModel, exact: bool, blocks: Sequence
         p_BS_m=np.array(imu.mounting.p_BS_m),
         R_BS=rotation_from_xyzw(np.array(imu.mounting.q_BS_xyzw)),
         orbit=CircularOrbit.from_config(config.orbit) if config.orbit is not None else None,
+        angles_are_noisy=any(_angle_is_noisy(joint) for joint in joints),
         window_s=estimator.window_s,
         nodes=estimator.nodes,
         noise_declared=np.array(

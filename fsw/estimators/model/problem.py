@@ -121,6 +121,7 @@ class Problem:
     p_BS_m: FloatArray  # (3,) place of the accelerometer, as configured
     R_BS: FloatArray  # (3, 3) the unit's axes to base axes, as configured
     orbit: CircularOrbit | None  # None: no gravity gradient
+    angles_are_noisy: bool  # whether their errors count beside those of rates
     window_s: float
     nodes: int  # number in a block
     noise_declared: FloatArray  # (t + 2,) 1 sigma of a sample: torques, gyro, accelerometer

@@ -40,7 +40,7 @@ def with_angles(block: Block) -> Block:
 
 @pytest.mark.parametrize("rate", ["momentum", "measured"])
 def test_gain_by_angles_agrees_with_finite_differences(rate):
-    problem = make_problem(("base", "target"), biases=False)
+    problem = replace(make_problem(("base", "target"), biases=False), angles_are_noisy=True)
     x, block = truth(problem), with_angles(random_block())
     one = predict(block, x, problem, rate)
     assert predict(random_block(), x, problem, rate).D_q is None
@@ -105,7 +105,12 @@ def measured_block(index: int, rng: np.random.Generator) -> Block:
 
 def test_residuals_are_as_large_as_their_covariance_says():
     """Whitened at the truth over 19 windows; with the angles taken as exact they are too large."""
-    problem = replace(make_problem(("target",), biases=False), p_BS_m=np.zeros(3), window_s=LONG_S)
+    problem = replace(
+        make_problem(("target",), biases=False),
+        p_BS_m=np.zeros(3),
+        window_s=LONG_S,
+        angles_are_noisy=True,
+    )
     x, rng = truth(problem), np.random.default_rng(5)
     told, untold, dof = 0.0, 0.0, 0
     for k in range(WINDOWS):
@@ -120,7 +125,12 @@ def test_residuals_are_as_large_as_their_covariance_says():
 
 def test_the_smoothed_jacobian_is_not_correlated_with_the_residuals():
     """The score at the truth has mean zero: |sum A^T b| within its own covariance."""
-    problem = replace(make_problem(("target",), biases=False), p_BS_m=np.zeros(3), window_s=LONG_S)
+    problem = replace(
+        make_problem(("target",), biases=False),
+        p_BS_m=np.zeros(3),
+        window_s=LONG_S,
+        angles_are_noisy=True,
+    )
     x, rng = truth(problem), np.random.default_rng(6)
     score, G = np.zeros(len(x)), np.zeros((len(x), len(x)))
     for k in range(WINDOWS):

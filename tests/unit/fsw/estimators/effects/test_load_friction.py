@@ -31,7 +31,7 @@ def loaded(**keys: Any) -> Config:
 
 
 def problem_and_state() -> tuple[Problem, np.ndarray]:
-    problem = build_problem(loaded(), robot_model())
+    problem = replace(build_problem(loaded(), robot_model()), angles_are_noisy=True)
     sigma, x = np.sqrt(np.diag(problem.prior_covariance)), problem.prior_mean.copy()
     free = slice(problem.bodies.stop, len(x))
     x[free] += sigma[free] * np.random.default_rng(3).normal(size=len(x[free]))

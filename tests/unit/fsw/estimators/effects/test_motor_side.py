@@ -39,7 +39,7 @@ def with_joints(config: Config, *joints: int, **keys: Any) -> Config:
 def problem_and_state(*, doubt: bool = True, everywhere: bool = True) -> tuple[Problem, np.ndarray]:
     joints = range(N) if everywhere else (1, 4)
     config = with_joints(make_config(doubt=doubt), *joints, **KEYS)
-    problem = build_problem(config, robot_model())
+    problem = replace(build_problem(config, robot_model()), angles_are_noisy=True)
     sigma, x = np.sqrt(np.diag(problem.prior_covariance)), problem.prior_mean.copy()
     free = slice(problem.bodies.stop, len(x))
     x[free] += sigma[free] * np.random.default_rng(3).normal(size=len(x[free]))

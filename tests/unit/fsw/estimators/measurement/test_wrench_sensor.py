@@ -116,8 +116,8 @@ def test_derivatives_by_state_and_motion_agree_with_differences(rate: str):
     config = with_wrist(
         config, frame="link6", p_FS_m=PLACE, rpy_FS_rad=TURN, scale_sigma_ratio=0.02
     )
-    problem, block = wrist_problem(config), wrist_block(2)
-    block = replace(block, cov_joint=np.stack([1e-6 * np.eye(12)] * N))
+    problem = replace(wrist_problem(config), angles_are_noisy=True)
+    block = replace(wrist_block(2), cov_joint=np.stack([1e-6 * np.eye(12)] * N))
     x = problem.prior_mean.copy()
     own = [k for k, name in enumerate(problem.names) if name.startswith("wrench")]
     assert len(own) == 12
