@@ -27,7 +27,6 @@ def test_the_optimiser_beats_random_motions_within_the_limits():
     assert found.median_random > 2.0 * found.optimised
     assert found.dense_excess < 0
     assert found.truth.ok
-    assert found.evaluations < 1000
 
 
 def test_the_scatter_is_the_predicted_one():
