@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from fsw.config import Config
 from fsw.estimators.model.building import build_problem
-from fsw.estimators.model.problem import CONSPICUOUS, Problem, present
+from fsw.estimators.model.problem import CONSPICUOUS, Problem
 from fsw.estimators.model.state_groups import BY_NAME
 from fsw.messages import FloatArray
 
@@ -21,9 +21,7 @@ DOUBT = {"mounting_position_sigma_m": 0.01, "mounting_angle_sigma_rad": 5e-3}  #
 
 def with_doubtful_mounting(config: Config, problem: Problem) -> Problem:
     """Return the problem with place and attitude of the inertial unit, if any, as states."""
-    if not config.imu.present or (
-        present(problem.at("imu_place")) and present(problem.at("imu_angle"))
-    ):
+    if not config.imu.present or (problem.has("imu_place") and problem.has("imu_angle")):
         return problem
     imu = config.imu.model_dump()
     imu |= {key: imu[key] or sigma for key, sigma in DOUBT.items()}

@@ -18,7 +18,7 @@ from fsw.estimators.batch.solver import Progress
 from fsw.estimators.measurement.mounting import gyro_turn
 from fsw.estimators.measurement.row_functions import Linearisation, row_function
 from fsw.estimators.model.building import build_problem
-from fsw.estimators.model.problem import Problem, present
+from fsw.estimators.model.problem import Problem
 from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.model.state_groups import BY_NAME
 from fsw.estimators.rotation import rotation_from_xyzw
@@ -148,7 +148,7 @@ def _figures(
                 found.append(Figure(kind=kind, which=name, value=value, sigma=own, known=known))
     for kind in ("gyro_bias", "acc_bias", "imu_angle", "imu_place", "gyro_scale", "gyro_axes"):
         states, key = problem.at(kind), BY_NAME[kind].key.removeprefix("imu.")
-        if present(states):
+        if problem.has(kind):
             R = sensor_axes(config) if "bias" in kind else np.eye(3)
             known = _known(config.imu, key)
             found += in_axes(kind, mean[states], covariance[states, states], R, known)

@@ -12,7 +12,7 @@ from fsw.commands.calibrate.figures import AXES, Figure, in_axes, sensor_axes, s
 from fsw.config import Config
 from fsw.errors import EstimatorError
 from fsw.estimators.measurement.fused import predict
-from fsw.estimators.model.problem import Problem, present
+from fsw.estimators.model.problem import Problem
 from fsw.estimators.rotation import rotation_from_xyzw
 from fsw.messages import Block, FloatArray, Window
 
@@ -154,10 +154,10 @@ def _expected(
     x = problem.prior_mean
     at = predict(blocks[len(blocks) // 2], x, problem, "momentum")
     P = problem.prior_covariance.copy()
-    for own in (problem.at("torque_offset"), problem.at("acc_bias"), problem.at("gyro_bias")):
-        if present(own):
-            P[own] = 0.0
-            P[:, own] = 0.0
+    for group in ("torque_offset", "acc_bias", "gyro_bias"):
+        own = problem.at(group)
+        P[own] = 0.0
+        P[:, own] = 0.0
     J_tau, J_f, J_w = (J.mean(axis=0) for J in (at.J_tau, at.J_f, at.J_w))
     w, w_covariance = at.w_rad_s.mean(axis=0), J_w @ P @ J_w.T
     turned = None if config.star_tracker is None else _tracked(config, windows)

@@ -12,7 +12,7 @@ from fsw.estimators.measurement.impulse import external_force, pulled
 from fsw.estimators.measurement.mounting import gyro_turn, needs_angle_columns
 from fsw.estimators.measurement.prediction import Rate
 from fsw.estimators.measurement.wheels import Wheels
-from fsw.estimators.model.problem import Problem, present
+from fsw.estimators.model.problem import Problem
 from fsw.messages import FloatArray
 
 
@@ -63,7 +63,7 @@ def dynamics(
     Y_h = None
     if rate == "measured":
         nu[:, 3:6] = s.w_NB_B_rad_s
-        if present(problem.at("gyro_bias")):
+        if problem.has("gyro_bias"):
             nu[:, 3:6] -= x[problem.at("gyro_bias")]
         nu[:, 3:6] = nu[:, 3:6] @ gyro_turn(x, problem).T
     else:
@@ -88,7 +88,7 @@ def dynamics(
         Y -= Y_field
     by_angle = h_by_angle = None
     needed = problem.angles_are_noisy or needs_angle_columns(problem)
-    if needed or present(problem.at("mode_start")):
+    if needed or problem.has("mode_start"):
         by_angle = model.angle_derivatives(q, w, qd, a)
         h_by_angle = model.momentum_derivatives(q, nu)
     return Dynamics(

@@ -19,7 +19,7 @@ from fsw.estimators.effects.joint_torque import added, fill_columns
 from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.measurement.mrnea import Rows, field, whitened
 from fsw.estimators.measurement.wheels import Wheels, turning
-from fsw.estimators.model.problem import Problem, present
+from fsw.estimators.model.problem import Problem
 from fsw.messages import Block, FloatArray
 
 
@@ -85,7 +85,7 @@ def stacked_energy_rows(s: BlockStack, x: FloatArray, problem: Problem) -> list[
         moved = (N[:, 3:].transpose(0, 2, 1) @ turned.hd_nm[:, :, None])[:, :, 0]
     work, tau = half_s[:, None, None] * value, s.tau_nm[:, :n]
     J = -slope @ s.by_block(J_T) - work @ s.by_block(J_P)
-    if present(problem.at("torque_offset")):
+    if problem.has("torque_offset"):
         tau = tau - x[problem.at("torque_offset")]
         J[:, :, problem.at("torque_offset")] += work @ s.by_block(s.qd_rad_s)
     tau = tau - added(problem.torque_terms, s.joint_motion, x).torque_nm
@@ -146,12 +146,12 @@ class _Turned:
 def _turned(s: BlockStack, x: FloatArray, problem: Problem, H_bb: FloatArray) -> _Turned | None:
     """Return the share of wheels and momentum at the nodes; None if there is neither."""
     wheels = turning(s, x, problem)
-    if wheels is None and not present(problem.at("momentum")):
+    if wheels is None and not problem.has("momentum"):
         return None
     p, hd_nm, J_p = *np.zeros((2, len(s.q_rad), 3)), np.zeros((len(s.q_rad), 3, len(x)))
     if wheels is not None:
         p, hd_nm, J_p = -wheels.h_nms, wheels.hd_nm, -wheels.J_h
-    if present(problem.at("momentum")):
+    if problem.has("momentum"):
         R_BN = s.R_NB.transpose(0, 2, 1)
         p = p + R_BN @ x[problem.at("momentum")]
         J_p[:, :, problem.at("momentum")] += R_BN

@@ -8,7 +8,7 @@ import numpy as np
 
 from fsw.errors import NUMERICAL
 from fsw.estimators.measurement.fused import predict
-from fsw.estimators.model.problem import Problem, present
+from fsw.estimators.model.problem import Problem
 from fsw.messages import Block, FloatArray
 
 
@@ -18,7 +18,7 @@ def at_first_rate(block: Block, x: FloatArray, problem: Problem) -> FloatArray:
     The predicted rate is affine in the momentum, so one step is exact. The state is unchanged if
     momentum is not estimated, rate or attitude are missing, or the bodies have no inertia.
     """
-    if not (present(problem.at("momentum")) and block.has_gyro and block.has_attitude):
+    if not (problem.has("momentum") and block.has_gyro and block.has_attitude):
         return x
     try:
         at = predict(block, x, problem)

@@ -44,7 +44,7 @@ from fsw.estimators.measurement.mrnea import Rows, field
 from fsw.estimators.measurement.prediction import CHANNELS, Prediction, Rate
 from fsw.estimators.measurement.wheels import turning
 from fsw.estimators.model.inertia import skew
-from fsw.estimators.model.problem import Problem, present
+from fsw.estimators.model.problem import Problem
 from fsw.messages import Block, FloatArray
 
 
@@ -72,10 +72,7 @@ def predict(
     D_w, J = D[:, : t + 3, n : n + 3], D[:, :, 2 * n + 3 :]
     single = [gains for gains in (D, D_q, D_start) if gains is not None]
     every = [*single, *(() if D_wheel is None else D_wheel)]
-    if any(
-        present(own)
-        for own in (problem.at("imu_angle"), problem.at("gyro_scale"), problem.at("gyro_axes"))
-    ):
+    if any(problem.has(group) for group in ("imu_angle", "gyro_scale", "gyro_axes")):
         f, w = _as_read((f, w), D, every, x, problem, rate)
     if problem.torque_terms:
         # a copy: tau becomes the reading
@@ -101,10 +98,10 @@ def predict(
     for states, rows in problem.sensed("torque_offset", "wrench_offset"):
         tau[:, rows] += x[states]
         J[:, rows, states] += np.eye(states.stop - states.start)
-    if present(problem.at("acc_bias")):
+    if problem.has("acc_bias"):
         f = f + x[problem.at("acc_bias")]
         J[:, t : t + 3, problem.at("acc_bias")] += np.eye(3)
-    if present(problem.at("gyro_bias")):
+    if problem.has("gyro_bias"):
         w = w + x[problem.at("gyro_bias")]
         J[:, t + 3 :, problem.at("gyro_bias")] += np.eye(3)
     return Prediction(
@@ -144,7 +141,7 @@ def _ideal(
     D = state_gains(s, x, problem, d, J_L, r)
     t = d.force.shape[1]
     D_w = D[:, : t + 3, n : n + 3]
-    if present(problem.at("imu_place")):
+    if problem.has("imu_place"):
         D[:, t : t + 3, 2 * n + 3 :][:, :, problem.at("imu_place")] += by_place(d.a[:, 3:], w) - G
     D_q, D_wheel = angle_gain(d, D_w, r, rate), wheel_gain(d, D_w, r, rate)
     return Channels(d.force, f, w, D, D_q, D_wheel, after)
@@ -167,7 +164,7 @@ def _as_read(
     for k, M, true in zip(places, to_read, channels, strict=False):
         for gains in every:
             gains[:, k] = M @ gains[:, k]
-        if present(problem.at("imu_angle")):
+        if problem.has("imu_angle"):
             J[:, k, problem.at("imu_angle")] += M @ skew(true) @ by_angle
     if rate != "measured":
         w, by_rate = channels[1], np.broadcast_to(-to_read[1], (len(D), 3, 3))
@@ -185,7 +182,7 @@ def _momentum(
     """
     N = len(s.q_rad)
     after: tuple[Impulse | None, ...] = (None,) * len(s.blocks)
-    if not needed(problem) and not present(problem.at("momentum")):
+    if not needed(problem) and not problem.has("momentum"):
         return np.zeros((N, 3)), None, after
     L_N, J = np.zeros((N, 3)), np.zeros((N, 3, len(x)))
     if needed(problem):
@@ -195,7 +192,7 @@ def _momentum(
             L_N[k], J[k], before = momentum_at_nodes(block, x, problem, G[k], before)
             ends.append(before)
         after = tuple(ends)
-    if present(problem.at("momentum")):
+    if problem.has("momentum"):
         L_N = L_N + x[problem.at("momentum")]
         J[:, :, problem.at("momentum")] += np.eye(3)
     R_BN = s.R_NB.transpose(0, 2, 1)

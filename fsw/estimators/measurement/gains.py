@@ -8,7 +8,7 @@ from fsw.estimators.measurement.impulse import external_force, pulled
 from fsw.estimators.measurement.mounting import fill_gyro_columns, gyro_turn, turn
 from fsw.estimators.measurement.prediction import Rate
 from fsw.estimators.model.inertia import skew
-from fsw.estimators.model.problem import Problem, present
+from fsw.estimators.model.problem import Problem
 from fsw.messages import FloatArray
 
 
@@ -51,9 +51,9 @@ def state_gains(
             rate[:, :, n:] += d.H_bb_inverse[:, 3:, 3:] @ J_L
     else:
         own = rate[:, :, n:]
-        if present(problem.at("gyro_bias")):
+        if problem.has("gyro_bias"):
             own[:, :, problem.at("gyro_bias")] = -gyro_turn(x, problem)
-        if present(problem.at("imu_angle")):
+        if problem.has("imu_angle"):
             own[:, :, problem.at("imu_angle")] = -skew(w) @ turn(x, problem)[1]
         fill_gyro_columns(own, np.broadcast_to(np.eye(3), (len(w), 3, 3)), w, x, problem)
     D[:, : t + 3, n + 3 :] += D_w @ rate

@@ -14,7 +14,7 @@ from numpy.polynomial import legendre
 from fsw.estimators.measurement import thrust
 from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.model.inertia import cross, skew
-from fsw.estimators.model.problem import Problem, present
+from fsw.estimators.model.problem import Problem
 from fsw.messages import Block, FloatArray
 
 
@@ -85,11 +85,7 @@ def needed(problem: Problem) -> bool:
 
 def pulled(problem: Problem) -> bool:
     """Return whether there are thrusters, or an external wrench is estimated."""
-    return (
-        present(problem.at("wrench"))
-        or present(problem.at("target_wrench"))
-        or len(problem.thrusters) > 0
-    )
+    return problem.has("wrench") or problem.has("target_wrench") or len(problem.thrusters) > 0
 
 
 def momentum_at_nodes(
@@ -138,7 +134,7 @@ def _wrench(
     if G.any():
         rows = model.field_regressors(block.q_rad, G)[:, :6]
         W, J[:, :, problem.inertial] = rows @ pi, rows @ problem.U
-    if present(problem.at("wrench")) or present(problem.at("target_wrench")):
+    if problem.has("wrench") or problem.has("target_wrench"):
         value, by_state = constant_force(block, x, problem)
         W, J = W + value[:, :6], J + by_state[:, :6]
     return W, J
@@ -210,9 +206,9 @@ def constant_force(
     J = np.zeros((m, 6 + len(problem.model.torque_units), len(x)))
     R = np.zeros((m, 6, 6))
     R[:, :3, :3] = R[:, 3:, 3:] = block.R_NB.transpose(0, 2, 1)
-    if present(problem.at("wrench")):
+    if problem.has("wrench"):
         J[:, :6, problem.at("wrench")] = R
-    if present(problem.at("target_wrench")):
+    if problem.has("target_wrench"):
         centre_m = _target_com(x, problem)
         for i in range(m):
             at, R_BE = problem.model.point_jacobian(block.q_rad[i], centre_m)

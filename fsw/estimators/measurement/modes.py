@@ -26,7 +26,7 @@ from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.measurement.impulse import Impulse, integration, span_ns
 from fsw.estimators.measurement.prediction import Rate
 from fsw.estimators.model.modes import Modes
-from fsw.estimators.model.problem import Problem, present
+from fsw.estimators.model.problem import Problem
 from fsw.messages import Block, FloatArray
 
 
@@ -176,7 +176,7 @@ def _window(
     D_wheel = at.D_wheel
     if D_wheel is not None:
         D_wheel = D_wheel[:, :, keep] - by_z @ np.linalg.solve(s.inertia, D_wheel[:, :, own])
-    if present(problem.at("joint_zero")):  # `predict` adds D_q, as without modes
+    if problem.has("joint_zero"):  # `predict` adds D_q, as without modes
         J[:, :, problem.at("joint_zero")] += s.by_q[:, keep, :n] - D_q
     given = np.concatenate([at.tau, at.f, at.w], axis=1)[:, keep] + total[:, :, 0]
     J_end = np.concatenate(
@@ -212,7 +212,7 @@ def _sensitivities(a: _Window, s: _Step, spring_x: FloatArray, problem: Problem)
     n, last = a.joints[0].shape[1], s.channels.D.shape[2] - spring_x.shape[2]
     by_x = s.channels.D[:, n : n + c, last:] + s.eta[:, :, None] * spring_x[0]
     by_x += s.v[:, :, None] * spring_x[1]
-    if present(problem.at("joint_zero")):
+    if problem.has("joint_zero"):
         by_x[:, :, problem.at("joint_zero")] += s.by_q[:, n : n + c, :n]
     drift = s.stiff * a.t_s[:, :, None] + s.damp
     by = np.concatenate([s.wrong[:, :, None], s.stiff, drift, by_x], axis=2)

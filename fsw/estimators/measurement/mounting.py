@@ -4,7 +4,7 @@ import numpy as np
 
 from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.model.inertia import skew
-from fsw.estimators.model.problem import Problem, present
+from fsw.estimators.model.problem import Problem
 from fsw.messages import FloatArray
 
 LEANING = (np.array([0, 0, 1]), np.array([1, 2, 2]))  # pairs of axes: xy, xz, yz
@@ -17,7 +17,7 @@ def turn(x: FloatArray, problem: Problem) -> tuple[FloatArray, FloatArray]:
     Source: exponential map and left Jacobian of SO(3), Barfoot, State Estimation for Robotics
     (2017), eqs. (6.86), (7.76).
     """
-    if not present(problem.at("imu_angle")):
+    if not problem.has("imu_angle"):
         return np.eye(3), np.eye(3)
     phi = x[problem.at("imu_angle")]
     angle, K = float(np.linalg.norm(phi)), skew(phi)
@@ -35,12 +35,12 @@ def gyro_turn(x: FloatArray, problem: Problem) -> FloatArray:
     which two axes lean to one another. A turn of all three axes is part of the mounting.
     """
     R = turn(x, problem)[0]
-    if not (present(problem.at("gyro_scale")) or present(problem.at("gyro_axes"))):
+    if not (problem.has("gyro_scale") or problem.has("gyro_axes")):
         return R
     E = np.zeros((3, 3))
-    if present(problem.at("gyro_scale")):
+    if problem.has("gyro_scale"):
         E += np.diag(x[problem.at("gyro_scale")])
-    if present(problem.at("gyro_axes")):
+    if problem.has("gyro_axes"):
         E[LEANING] = x[problem.at("gyro_axes")]
         E[LEANING[::-1]] = x[problem.at("gyro_axes")]
     return np.asarray(R + R @ problem.R_BS @ E @ problem.R_BS.T, np.float64)
@@ -56,32 +56,32 @@ def fill_gyro_columns(
     by_rate : (N, r, 3) derivative by the true rate, or by its own derivative
     w : (N, 3) the true rate, or its derivative, at the state x
     """
-    if not (present(problem.at("gyro_scale")) or present(problem.at("gyro_axes"))):
+    if not (problem.has("gyro_scale") or problem.has("gyro_axes")):
         return
     read = np.linalg.solve(gyro_turn(x, problem), w.T).T @ problem.R_BS  # along the unit's axes
     gain = by_rate @ (turn(x, problem)[0] @ problem.R_BS)
-    if present(problem.at("gyro_scale")):
+    if problem.has("gyro_scale"):
         J[:, :, problem.at("gyro_scale")] += gain * read[:, None]
-    if present(problem.at("gyro_axes")):
+    if problem.has("gyro_axes"):
         for one, other in (LEANING, LEANING[::-1]):
             J[:, :, problem.at("gyro_axes")] += gain[:, :, one] * read[:, None, other]
 
 
 def as_true(s: BlockStack, x: FloatArray, problem: Problem) -> BlockStack:
     """Return the blocks with the joints' angles corrected by scales, zeros and walks."""
-    if present(problem.at("joint_scale")) and x[problem.at("joint_scale")].any():
+    if problem.has("joint_scale") and x[problem.at("joint_scale")].any():
         s = s.scaled(1.0 + x[problem.at("joint_scale")])
     if problem.walks is not None:
         walked = problem.walks.moved(x[problem.at("joint_walk")], s.walks_at_nodes)
         return s.shifted(x[problem.at("joint_zero")] + walked)
-    if not present(problem.at("joint_zero")) or not x[problem.at("joint_zero")].any():
+    if not problem.has("joint_zero") or not x[problem.at("joint_zero")].any():
         return s
     return s.shifted(x[problem.at("joint_zero")])
 
 
 def needs_angle_columns(problem: Problem) -> bool:
     """Return whether states act through the joints' angles, besides walks and modes."""
-    return present(problem.at("joint_zero")) or present(problem.at("joint_scale"))
+    return problem.has("joint_zero") or problem.has("joint_scale")
 
 
 def fill_angle_columns(
@@ -96,10 +96,11 @@ def fill_angle_columns(
     `D` are the derivatives (N, r, n) by angles, rates and accelerations; `s` has the true motion.
     """
     D_q, zeros, scales = D[0], problem.at("joint_zero"), problem.at("joint_scale")
-    if present(zeros):
+    if problem.has("joint_zero"):
         J[:, :, zeros] += D_q
-    if present(scales):
-        motion = s.q_rad - (x[zeros] if present(zeros) else 0.0), s.qd_rad_s, s.qdd_rad_s2
+    if problem.has("joint_scale"):
+        zero = x[zeros] if problem.has("joint_zero") else 0.0
+        motion = s.q_rad - zero, s.qd_rad_s, s.qdd_rad_s2
         whole = sum(gains * own[:, None] for gains, own in zip(D, motion, strict=True))
         J[:, :, scales] += whole / (1.0 + x[scales])
     if problem.walks is not None:

@@ -26,7 +26,7 @@ from fsw.estimators.measurement.mounting import (
 )
 from fsw.estimators.measurement.wheels import Wheels, turning
 from fsw.estimators.model.inertia import cross, skew
-from fsw.estimators.model.problem import Problem, present
+from fsw.estimators.model.problem import Problem
 from fsw.messages import Block, FloatArray
 
 
@@ -74,9 +74,9 @@ def base_acceleration(
     """
     r, wd = problem.place_m(x), block.wd_NB_B_rad_s2
     w, f = block.w_NB_B_rad_s, block.f_NS_B_m_s2
-    if present(problem.at("gyro_bias")):
+    if problem.has("gyro_bias"):
         w = w - x[problem.at("gyro_bias")]
-    if present(problem.at("acc_bias")):
+    if problem.has("acc_bias"):
         f = f - x[problem.at("acc_bias")]
     T = gyro_turn(x, problem)
     w, wd, f = w @ T.T, wd @ T.T, f @ turn(x, problem)[0].T
@@ -203,9 +203,9 @@ def _take_off_wheels(
 def _calibrated(s: BlockStack, x: FloatArray, problem: Problem) -> tuple[FloatArray, FloatArray]:
     """Return the torques (N, n) corrected for offset and scale, and the scale (n,)."""
     tau, gain = s.tau_nm, np.ones(s.n)
-    if present(problem.at("torque_offset")):
+    if problem.has("torque_offset"):
         tau = tau - x[problem.at("torque_offset")]
-    if present(problem.at("torque_scale")):
+    if problem.has("torque_scale"):
         gain = 1.0 + x[problem.at("torque_scale")]
     return tau / gain, gain
 
@@ -242,9 +242,9 @@ def _mounting_columns(
     (w, acceleration, G), (H, G_w, G_wd) = motion, gains
     wd, r = acceleration[:, 3:6], problem.place_m(x)
     arm = skew(wd) + skew(w) @ skew(w) - G
-    if present(problem.at("imu_place")):
+    if problem.has("imu_place"):
         X[:, :, problem.at("imu_place")] = -H[:, :, :3] @ arm
-    if present(problem.at("imu_angle")):
+    if problem.has("imu_angle"):
         f = acceleration[:, :3] + (arm @ r[:, None])[:, :, 0]
         turned = G_w @ skew(w) + G_wd @ skew(wd) + H[:, :, :3] @ skew(f)
         X[:, :, problem.at("imu_angle")] = -turned @ turn(x, problem)[1]
@@ -262,13 +262,13 @@ def _nuisance_columns(
 ) -> None:
     """Fill the columns of torques and biases of X (m, 6+n, p); `gains`: see `_mounting_columns`."""
     n, (H, G_w) = len(gain), gains
-    if present(problem.at("torque_offset")):
+    if problem.has("torque_offset"):
         X[:, 6:, problem.at("torque_offset")] = np.diag(1.0 / gain)
-    if present(problem.at("torque_scale")):
+    if problem.has("torque_scale"):
         X[:, 6:, problem.at("torque_scale")] = (tau_nm / gain)[:, :, None] * np.eye(n)
-    if present(problem.at("acc_bias")):
+    if problem.has("acc_bias"):
         X[:, :, problem.at("acc_bias")] = -H[:, :, :3] @ turn(x, problem)[0]
-    if present(problem.at("gyro_bias")):
+    if problem.has("gyro_bias"):
         X[:, :, problem.at("gyro_bias")] = -G_w @ gyro_turn(x, problem)
 
 

@@ -14,7 +14,7 @@ from fsw.estimators.measurement.fused import stacked_fused_rows
 from fsw.estimators.measurement.impulse import Impulse
 from fsw.estimators.measurement.mrnea import Rows, stacked_mrnea_rows
 from fsw.estimators.measurement.prediction import CHANNELS, Rate
-from fsw.estimators.model.problem import Problem, Watched, present
+from fsw.estimators.model.problem import Problem, Watched
 from fsw.estimators.valves import changes
 from fsw.messages import Block, FloatArray
 
@@ -158,7 +158,7 @@ class _Fused(RowsFunction):
         problem, channels = self._problem, self._channels
         by_gyro = s.has_gyro and problem.is_free
         rate: Rate = self._rate or ("measured" if by_gyro else "momentum")
-        adds_up = present(problem.at("momentum")) or len(problem.thrusters) > 0
+        adds_up = problem.has("momentum") or len(problem.thrusters) > 0
         adds_up |= problem.watches_outside
         if adds_up and not s.has_attitude:
             rate = "measured"

@@ -20,7 +20,7 @@ from math import factorial
 import numpy as np
 from numpy.polynomial import legendre
 
-from fsw.estimators.model.problem import Problem, present
+from fsw.estimators.model.problem import Problem
 from fsw.messages import Block, FloatArray
 
 LEAST_RISE_RATIO = 0.1  # least rise time over the configured one, at states far from their prior
@@ -58,9 +58,9 @@ def profile(block: Block, x: FloatArray, problem: Problem) -> Profile:
     edges = block.edges[block.edges[:, 2] != 0.0]
     owner, t_s, sign = edges[:, 0].astype(np.intp), edges[:, 1], edges[:, 2]
     delay, rise = problem.thrusters.delay_s.copy(), problem.thrusters.rise_s.copy()
-    if present(problem.at("thrust_delay")):
+    if problem.has("thrust_delay"):
         delay += x[problem.at("thrust_delay")]
-    if present(problem.at("thrust_rise")):
+    if problem.has("thrust_rise"):
         least = LEAST_RISE_RATIO * rise
         rise = np.maximum(rise + x[problem.at("thrust_rise")], least)
     to_nodes, ends = _projection(m)
@@ -112,12 +112,12 @@ def wrench(u: FloatArray, x: FloatArray, problem: Problem) -> tuple[FloatArray, 
     ways = problem.thrusters.ways  # (6, K)
     J = np.zeros((u.shape[1], 6, len(x)))
     gain = np.ones(ways.shape[1])
-    if present(problem.at("thrust_scale")):
+    if problem.has("thrust_scale"):
         J[:, :, problem.at("thrust_scale")] = ways * u[0][:, None]
         gain = gain + x[problem.at("thrust_scale")]
     scaled = ways * gain
-    if present(problem.at("thrust_delay")):
+    if problem.has("thrust_delay"):
         J[:, :, problem.at("thrust_delay")] = scaled * u[1][:, None]
-    if present(problem.at("thrust_rise")):
+    if problem.has("thrust_rise"):
         J[:, :, problem.at("thrust_rise")] = scaled * u[2][:, None]
     return u[0] @ scaled.T, J

@@ -20,7 +20,7 @@ from numpy.polynomial import legendre
 
 from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.model.inertia import cross, skew
-from fsw.estimators.model.problem import Problem, present
+from fsw.estimators.model.problem import Problem
 from fsw.estimators.polynomial import gauss_nodes
 from fsw.messages import FloatArray
 
@@ -71,16 +71,16 @@ def turning(s: BlockStack, x: FloatArray, problem: Problem) -> Wheels | None:
     h, hd = s.wheel_nms, s.wheel_nm
     J_h, J_hd = np.zeros((2, N, 3, len(x)))
     scaled = axes
-    if present(problem.at("wheel_scale")):
+    if problem.has("wheel_scale"):
         scaled = axes * (1.0 + x[problem.at("wheel_scale")])
-    if present(problem.at("wheel_delay")):
+    if problem.has("wheel_delay"):
         slope = s.by_block(hd)
         hdd = (_differentiation(s.m) @ slope).reshape(hd.shape) * (2.0 / problem.window_s)
         J_h[:, :, problem.at("wheel_delay")] = scaled * hd[:, None]
         J_hd[:, :, problem.at("wheel_delay")] = scaled * hdd[:, None]
         late_s = x[problem.at("wheel_delay")]
         h, hd = h + late_s * hd, hd + late_s * hdd
-    if present(problem.at("wheel_scale")):
+    if problem.has("wheel_scale"):
         J_h[:, :, problem.at("wheel_scale")] = axes * h[:, None]
         J_hd[:, :, problem.at("wheel_scale")] = axes * hd[:, None]
     return Wheels(h @ scaled.T, hd @ scaled.T, scaled, J_h, J_hd)

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from fsw.estimators.model.inertia import PARAMETERS, from_parameters, report_jacobian
-from fsw.estimators.model.problem import Problem, present
+from fsw.estimators.model.problem import Problem
 from fsw.messages import FloatArray
 
 DRAWS = 2000  # covariances within 3 % where the mapping is nonlinear, exact where it is linear
@@ -65,7 +65,7 @@ class Mapped:
 def is_bent(problem: Problem, method: str) -> bool:
     """Return whether a method's likelihood is Gaussian in the base's mobility instead of in pi."""
     torque = method in TORQUE and "base" in problem.unknown
-    return torque and not present(problem.at("thrust_scale"))
+    return torque and not problem.has("thrust_scale")
 
 
 def to_mobility(pi: FloatArray) -> FloatArray:

@@ -39,11 +39,6 @@ TAIL_RISES = 10.0  # rise times after which a force counts as settled
 IndexArray = NDArray[np.intp]
 
 
-def present(states: slice) -> bool:
-    """Return whether a group, given by its slice, is part of the state."""
-    return bool(states.stop > states.start)
-
-
 def _hidden(group: StateGroup) -> bool:
     return not group.is_published
 
@@ -145,12 +140,22 @@ class Problem:
         """
         return self.places.get(BY_NAME[group].name, NO_STATES)
 
+    def has(self, group: str) -> bool:
+        """Return whether a group is part of the state.
+
+        Raises
+        ------
+        KeyError if `state_groups` has no such group.
+        """
+        states = self.at(group)
+        return bool(states.stop > states.start)
+
     def sensed(self, joints: str, axes: str) -> list[tuple[slice, slice]]:
         """Return states and torques of two groups: of joints, and of axes of wrench sensors."""
         n = self.model.n
         torques = slice(0, n), slice(n, len(self.model.torque_units))
-        pairs = zip((self.at(joints), self.at(axes)), torques, strict=True)
-        return [(states, rows) for states, rows in pairs if present(states)]
+        pairs = zip((joints, axes), torques, strict=True)
+        return [(self.at(group), rows) for group, rows in pairs if self.has(group)]
 
     def placed(self, **places: slice) -> Problem:
         """Return the problem with other places of groups."""
@@ -266,8 +271,7 @@ class Problem:
 
     def place_m(self, x: FloatArray) -> FloatArray:
         """Return the accelerometer's place in B (3,) for the state x [m]."""
-        place = self.at("imu_place")
-        return self.p_BS_m + x[place] if present(place) else self.p_BS_m
+        return self.p_BS_m + x[self.at("imu_place")] if self.has("imu_place") else self.p_BS_m
 
     def body(self, name: str) -> slice:
         """Return the slice of the ten states of an unknown body."""

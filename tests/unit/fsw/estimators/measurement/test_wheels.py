@@ -14,7 +14,7 @@ from fsw.estimators.measurement.fused import predict
 from fsw.estimators.measurement.motion_noise import residual_covariance
 from fsw.estimators.measurement.mrnea import mrnea_rows
 from fsw.estimators.measurement.row_functions import row_function
-from fsw.estimators.model.problem import Problem, present
+from fsw.estimators.model.problem import Problem
 from fsw.messages import Block
 from tests.support.estimator_cases import N, make_problem, random_block, robot_model
 from tests.support.wheel_cases import (
@@ -165,7 +165,7 @@ def consistent(block: Block, x: np.ndarray, problem: Problem) -> Block:
     quiet = x.copy()
     for part in (problem.at("acc_bias"), problem.at("gyro_bias")):
         quiet[part] = 0.0
-    w = p.w_rad_s - (x[problem.at("gyro_bias")] if present(problem.at("gyro_bias")) else 0.0)
+    w = p.w_rad_s - (x[problem.at("gyro_bias")] if problem.has("gyro_bias") else 0.0)
     # wd from the accelerometer at two places: the base's predicted angular acceleration
     force, lever = [], np.eye(3)
     for place in (np.zeros(3), *lever):

@@ -8,6 +8,7 @@ from fsw.config import BodyConfig, Config
 from fsw.errors import ConfigError
 from fsw.estimators.model.building import body_prior, build_problem, joint_order
 from fsw.estimators.model.inertia import from_parameters
+from fsw.estimators.model.state_groups import BY_NAME
 from tests.support.estimator_cases import (
     BASE,
     TARGET,
@@ -52,6 +53,16 @@ def test_a_nuisance_without_uncertainty_is_no_state() -> None:
     assert len(problem.names) == 10
     for kind in ("torque_offset", "acc_bias", "gyro_bias", "momentum"):
         assert len(problem.prior_mean[problem.at(kind)]) == 0
+        assert not problem.has(kind)
+
+
+def test_a_group_is_part_of_the_state_if_it_has_a_state() -> None:
+    problem = make_problem(("target",), momentum_sigma_nms=1.0)
+    kinds = {name.partition(".")[0] for name in problem.names}
+    assert "momentum" in kinds
+    assert {name for name in BY_NAME if problem.has(name)} == kinds & set(BY_NAME)
+    with pytest.raises(KeyError):
+        problem.has("momentums")
 
 
 def test_prior_spreads_as_configured() -> None:
