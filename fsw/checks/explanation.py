@@ -14,6 +14,7 @@ from scipy.optimize import minimize_scalar
 from fsw.checks.mistake import SHIFTS_S, Mistake
 from fsw.checks.mistakes import signs, usual_mistakes
 from fsw.checks.mounting import (
+    MOUNTING,
     contradicted,
     mounting_words,
     other_words,
@@ -259,7 +260,7 @@ def _doubted(
     problem = with_doubtful_mounting(config, problem)
     fit = fitted(problem, blocks, FREED_ITERATIONS, plain=True)
     kind = contradicted(problem, fit.mean) if fit.has_settled else ""
-    if config.imu.present and (level > LARGE or kind in ("imu_place", "imu_angle")):
+    if config.imu.present and (level > LARGE or kind in MOUNTING):
         free = fitted(with_free_mounting(problem), blocks, FREED_ITERATIONS)
         words = mounting_words(config, problem, free.mean) if free.level <= LARGE else ""
         if words:

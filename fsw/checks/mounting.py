@@ -12,29 +12,31 @@ from scipy.spatial.transform import Rotation
 from fsw.config import Config
 from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.problem import CONSPICUOUS, Problem
-from fsw.estimators.model.state_groups import BY_NAME
+from fsw.estimators.model.state_groups import BY_NAME, GROUPS
 from fsw.messages import FloatArray
 
-PLACE_M, ANGLE_RAD = 10.0, np.pi  # 1 sigma of an unknown mounting
-DOUBT = {"mounting_position_sigma_m": 0.01, "mounting_angle_sigma_rad": 5e-3}  # instead of 0
+MOUNTING = {group.name: group for group in GROUPS if group.doubt}
 
 
 def with_doubtful_mounting(config: Config, problem: Problem) -> Problem:
     """Return the problem with place and attitude of the inertial unit, if any, as states."""
-    if not config.imu.present or (problem.has("imu_place") and problem.has("imu_angle")):
+    if not config.imu.present or all(map(problem.has, MOUNTING)):
         return problem
     imu = config.imu.model_dump()
-    imu |= {key: imu[key] or sigma for key, sigma in DOUBT.items()}
+    for group in MOUNTING.values():
+        key = group.key.removeprefix("imu.")
+        imu[key] = imu[key] or group.doubt
     return build_problem(config.with_sections(imu=imu), problem.model)
 
 
 def with_free_mounting(problem: Problem) -> Problem:
     """Return the problem with a prior so wide that the inertial unit's mounting is unknown."""
     covariance = problem.prior_covariance.copy()
-    for states, sigma in ((problem.at("imu_place"), PLACE_M), (problem.at("imu_angle"), ANGLE_RAD)):
+    for name, group in MOUNTING.items():
+        states = problem.at(name)
         covariance[states] = 0.0
         covariance[:, states] = 0.0
-        covariance[states, states] = sigma**2 * np.eye(states.stop - states.start)
+        covariance[states, states] = group.unknown**2 * np.eye(states.stop - states.start)
     return replace(problem, prior_covariance=covariance)
 
 

@@ -16,9 +16,6 @@ from fsw.estimators.parameter_verdicts import DATA_GAIN, MEASURED, PRIOR
 from fsw.estimators.rotation import rotation_from_xyzw
 from fsw.messages import FloatArray
 
-AXES = "xyz"
-PLACES = {"gyro_axes": ("xy", "xz", "yz")}  # names of the three figures if not x, y, z
-
 DELAY_KEYS = {"gyro": "gyro_group_delay_s", "accelerometer": "acc_group_delay_s"}
 
 
@@ -69,7 +66,7 @@ def in_axes(
     values, sigmas = R @ mean, np.sqrt(np.diag(R @ covariance @ R.T))
     return [
         Figure(kind=kind, which=axis, value=float(v), sigma=float(s), known=known)
-        for axis, v, s in zip(PLACES.get(kind, AXES), values, sigmas, strict=True)
+        for axis, v, s in zip(BY_NAME[kind].axes, values, sigmas, strict=True)
     ]
 
 
@@ -180,13 +177,13 @@ def _star_tracker(config: Config, used: dict[str, Figure]) -> dict[str, Any]:
 
 def _vector(kind: str, used: dict[str, Figure]) -> FloatArray | None:
     """Return the change (3,), zero along axes not measured; None: no axis is measured."""
-    own = [used.get(f"{kind}.{axis}") for axis in PLACES.get(kind, AXES)]
+    own = [used.get(f"{kind}.{axis}") for axis in BY_NAME[kind].axes]
     return np.array([f.value if f else 0.0 for f in own]) if any(own) else None
 
 
 def _sigma(kind: str, used: dict[str, Figure]) -> dict[str, float]:
     """Return key and largest sigma of the three axes; empty unless all axes are measured."""
-    own = [used.get(f"{kind}.{axis}") for axis in PLACES.get(kind, AXES)]
+    own = [used.get(f"{kind}.{axis}") for axis in BY_NAME[kind].axes]
     key = BY_NAME[kind].key.removeprefix("imu.")
     return {key: max(f.sigma for f in own if f)} if all(own) else {}
 

@@ -8,7 +8,7 @@ from numpy.polynomial import legendre
 from scipy.spatial.transform import Rotation
 
 from fsw.commands.calibrate.drift import LEAST_WINDOWS, drift
-from fsw.commands.calibrate.figures import AXES, Figure, in_axes, sensor_axes, stated
+from fsw.commands.calibrate.figures import Figure, in_axes, sensor_axes, stated
 from fsw.config import Config
 from fsw.errors import EstimatorError
 from fsw.estimators.measurement.fused import predict
@@ -122,7 +122,7 @@ def _not_turning(reading: FloatArray, expected: _Expected, limits: FloatArray) -
     if not expected.is_tracked and np.any(off > limits):
         axis = int(np.argmax(off / limits))
         raise EstimatorError(
-            f"the robot moves: the gyro reads {off[axis]:.2g} rad/s about {AXES[axis]} of B, "
+            f"the robot moves: the gyro reads {off[axis]:.2g} rad/s about {'xyz'[axis]} of B, "
             f"noise and bias are {limits[axis]:.2g} at most; without a star tracker a base that "
             "turns cannot be distinguished from a bias"
         )

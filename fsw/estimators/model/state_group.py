@@ -50,6 +50,9 @@ class StateGroup:
     is_free : whether the prior may be widened as far as the data require
     shared : share of the variance that is common to all states of the group
     mistake : the key whose value is wrong where the data contradict the prior; empty: none
+    axes : labels of the three states of a vector
+    doubt : of a mounting: 1 sigma by which a check finds a wrong one where `key` states none
+    unknown : of a mounting: 1 sigma where nothing is known
     """
 
     name: str
@@ -67,6 +70,9 @@ class StateGroup:
     is_free: bool = False
     shared: float = 0.0
     mistake: str = ""
+    axes: Sequence[str] = "xyz"
+    doubt: float = 0.0
+    unknown: float = 0.0
 
     @property
     def title(self) -> str:

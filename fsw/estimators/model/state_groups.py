@@ -18,6 +18,9 @@ def _integrates(config: Config) -> bool:
     return any(joint.speed_only for joint in config.joints)
 
 
+LEANS = ("xy", "xz", "yz")  # pairs of a gyro's axes
+
+
 def _of_imu(key: str, labels: Sequence[str] = "xyz") -> Callable[[Setting], Spread]:
     return lambda setting: (labels, [getattr(setting.config.imu, key)] * len(labels))
 
@@ -175,6 +178,8 @@ GROUPS = (
         prior=_of_imu("mounting_position_sigma_m"),
         is_calibration=True,
         is_repeated=True,
+        doubt=0.01,
+        unknown=10.0,
     ),
     StateGroup(  # rotation vector, B axes, from the configured attitude to the true one
         name="imu_angle",
@@ -185,6 +190,8 @@ GROUPS = (
         prior=_of_imu("mounting_angle_sigma_rad"),
         is_calibration=True,
         is_repeated=True,
+        doubt=5e-3,
+        unknown=np.pi,
     ),
     StateGroup(  # true rate over the gyro's reading along each axis of the unit, less 1
         name="gyro_scale",
@@ -202,9 +209,10 @@ GROUPS = (
         unit="rad",
         key="imu.gyro_axes_sigma_rad",
         cause="gyro's scales and axes",
-        prior=_of_imu("gyro_axes_sigma_rad", ("xy", "xz", "yz")),
+        prior=_of_imu("gyro_axes_sigma_rad", LEANS),
         is_calibration=True,
         is_repeated=True,
+        axes=LEANS,
     ),
     friction.COULOMB.group,
     friction.VISCOUS.group,

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fsw.checks.mounting import contradicted, mounting_words, with_free_mounting
+from fsw.checks.mounting import MOUNTING, contradicted, mounting_words, with_free_mounting
 from tests.support.estimator_cases import make_config, make_problem
 
 
@@ -31,3 +31,8 @@ def test_a_mounting_that_nobody_knows_leaves_the_rest_of_the_prior() -> None:
     kept = np.ix_(rest, rest)
     assert np.array_equal(free.prior_covariance[kept], problem.prior_covariance[kept])
     assert np.all(np.diag(free.prior_covariance)[mounting] > 9.0)
+
+
+def test_mounting_is_place_and_attitude_of_the_inertial_unit() -> None:
+    assert set(MOUNTING) == {"imu_place", "imu_angle"}
+    assert all(group.unknown > group.doubt for group in MOUNTING.values())
