@@ -15,6 +15,7 @@ MAX_EVENT_TEXT = 1000  # characters
 OF_WHEELS = ("wheel_nms", "wheel_nm", "cov_wheel")
 OF_THRUSTERS = ("edges", "opened_s")
 OF_SPEEDS = ("walk_rad2",)
+PARTS = (OF_WHEELS, OF_THRUSTERS, OF_SPEEDS)  # fields of a block; absent if the last one is empty
 MOST_EDGES = 48  # most changes of valves that a block holds
 
 
@@ -220,10 +221,8 @@ class Block:
 
     @property
     def stored(self) -> tuple[str, ...]:
-        """Names of the fields to store, without those of wheels, valves and speeds if absent."""
-        without = (*(() if self.cov_wheel.size else OF_WHEELS),)
-        without += () if self.opened_s.size else OF_THRUSTERS
-        without += () if self.walk_rad2.size else OF_SPEEDS
+        """Names of the fields to store, without those of absent parts."""
+        without = {name for part in PARTS if not getattr(self, part[-1]).size for name in part}
         return tuple(item.name for item in fields(self) if item.name not in without)
 
     @property

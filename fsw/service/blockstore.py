@@ -19,14 +19,14 @@ from numpy.typing import NDArray
 from file_delivery.regular import open_regular
 from file_delivery.room import check_room
 from fsw.errors import WRONG_CONTENT, FswError
-from fsw.messages import OF_SPEEDS, OF_THRUSTERS, OF_WHEELS, Block
+from fsw.messages import PARTS, Block
 
 CAPACITY = 8192  # blocks; 55 min at 0.4 s
 HEADER_BYTES = 4096
 _NAMES = tuple(item.name for item in fields(Block))
 _LAYOUTS = tuple(
     ("serial", *(name for name in _NAMES if all(name not in part for part in without)))
-    for without in product(((), OF_WHEELS), ((), OF_THRUSTERS), ((), OF_SPEEDS))
+    for without in product(*(((), part) for part in PARTS))
 )
 _SHAPE = ".shape"  # of the array whose name stands before it
 
@@ -70,7 +70,7 @@ def _unpack(row: np.void) -> Block:
     values: dict[str, Any] = {}
     for name in _NAMES:
         if name not in (row.dtype.names or ()):
-            continue  # wheels, thrusters or speeds, which this robot does not have
+            continue  # of a part that this robot does not have
         value = np.array(row[name])
         if value.ndim:
             value = value[tuple(map(slice, row[name + _SHAPE]))].copy()

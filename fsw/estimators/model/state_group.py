@@ -121,3 +121,13 @@ def per_joint(key: str) -> Callable[[Setting], Spread]:
         return [joint.name for joint in joints], [getattr(joint, key) for joint in joints]
 
     return prior
+
+
+def per_part(section: str, key: str) -> Callable[[Setting], Spread]:
+    """Return the prior of one state for each entry of a list of sections."""
+
+    def prior(setting: Setting) -> Spread:
+        parts = getattr(setting.config, section)
+        return [part.name for part in parts], [getattr(part, key) for part in parts]
+
+    return prior

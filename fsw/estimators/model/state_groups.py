@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from fsw.config import Config
-from fsw.estimators.effects import friction, motor_side, wrench_sensor
+from fsw.estimators.effects import friction, motor_side, thrusters, wheels, wrench_sensor
 from fsw.estimators.model.state_group import Setting, Spread, StateGroup, per_joint
 from fsw.estimators.model.walks import LEAST_RAD2
 
@@ -30,16 +30,6 @@ def _of_estimator(**labels: Sequence[str]) -> Callable[[Setting], Spread]:
         own = setting.config.estimator
         sigmas = [getattr(own, key) for key, names in labels.items() for _ in names]
         return [name for names in labels.values() for name in names], sigmas
-
-    return prior
-
-
-def _each(section: str, key: str) -> Callable[[Setting], Spread]:
-    """Return the prior of one state for each wheel or thruster."""
-
-    def prior(setting: Setting) -> Spread:
-        parts = getattr(setting.config, section)
-        return [part.name for part in parts], [getattr(part, key) for part in parts]
 
     return prior
 
@@ -216,54 +206,11 @@ GROUPS = (
     ),
     friction.COULOMB.group,
     friction.VISCOUS.group,
-    StateGroup(  # relative error of each wheel's axial inertia
-        name="wheel_scale",
-        effect="inertia of wheels",
-        unit="",
-        key="wheels[].inertia_sigma_ratio",
-        prior=_each("wheels", "inertia_sigma_ratio"),
-        is_calibration=True,
-        mistake="axial inertia of wheels",
-    ),
-    StateGroup(  # true delay less the configured one
-        name="wheel_delay",
-        effect="delay of wheels",
-        unit="s",
-        key="wheels[].delay_sigma_s",
-        prior=_each("wheels", "delay_sigma_s"),
-        is_calibration=True,
-    ),
-    StateGroup(  # relative error of each thruster's force
-        name="thrust_scale",
-        effect="force of thrusters",
-        unit="",
-        key="thrusters[].force_sigma_ratio",
-        cause="thrusters",
-        prior=_each("thrusters", "force_sigma_ratio"),
-        is_calibration=True,
-        shared=0.5,  # one supply pressure
-        mistake="force_n of thrusters",
-    ),
-    StateGroup(  # true delay less the configured one
-        name="thrust_delay",
-        effect="delay of thrusters",
-        unit="s",
-        key="thrusters[].delay_sigma_s",
-        cause="thrusters",
-        prior=_each("thrusters", "delay_sigma_s"),
-        is_calibration=True,
-        mistake="delay_s of thrusters",
-    ),
-    StateGroup(  # true rise time less the configured one
-        name="thrust_rise",
-        effect="rise of thrusters",
-        unit="s",
-        key="thrusters[].rise_sigma_s",
-        cause="thrusters",
-        prior=_each("thrusters", "rise_sigma_s"),
-        is_calibration=True,
-        mistake="rise_s of thrusters",
-    ),
+    wheels.SCALE,
+    wheels.DELAY,
+    thrusters.FORCE,
+    thrusters.DELAY,
+    thrusters.RISE,
     StateGroup(  # see `Walks`
         name="joint_walk",
         effect="walks of integrated angles",
