@@ -8,6 +8,8 @@ MAX_MASS_KG = 1e6  # of a body; a space station has half of this mass
 MAX_LENGTH_M = 100.0  # from the origin of a body's frame
 MAX_INERTIA_KG_M2 = 1e9
 SMALLEST = 1e-12  # least 1 sigma of a noise: its square does not underflow
+SLOWEST_HZ = 1.0  # least rate of the reports of an actuator of the base
+UNIT_TOLERANCE = 1e-6  # of the length of a unit vector
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]

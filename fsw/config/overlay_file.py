@@ -1,7 +1,7 @@
 """Overlay files: YAML files with some keys, which replace those keys of a configuration.
 
-An overlay has the sections and keys of a configuration. A list of sections with `name` (buses,
-joints, wheels, thrusters) contains only the changed ones; any other list replaces the whole list.
+An overlay has the sections and keys of a configuration. A list of sections with `name` (such as
+buses and joints) contains only the changed ones; any other list replaces the whole list.
 """
 
 from collections.abc import Sequence

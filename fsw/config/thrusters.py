@@ -5,8 +5,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from fsw.config.base import Position, Rate, ScaleSigma, Section, Vector3
-from fsw.config.wheels import SLOWEST_HZ, UNIT_TOLERANCE
+from fsw.config.base import SLOWEST_HZ, UNIT_TOLERANCE, Position, Rate, ScaleSigma, Section, Vector3
 
 Thrust = Annotated[float, Field(ge=1e-6, le=1e5, allow_inf_nan=False)]
 ValveTime = Annotated[float, Field(ge=1e-4, le=0.5, allow_inf_nan=False)]

@@ -6,7 +6,9 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from fsw.config.base import (
+    SLOWEST_HZ,
     SMALLEST,
+    UNIT_TOLERANCE,
     Delay,
     Rate,
     ScaleSigma,
@@ -22,8 +24,6 @@ RotorSpeed = Annotated[float, Field(gt=0, le=1e4, allow_inf_nan=False)]
 RotorSpeedNoise = Annotated[float, Field(ge=SMALLEST, le=1e3, allow_inf_nan=False)]
 RotorTorque = Annotated[float, Field(gt=0, le=1e3, allow_inf_nan=False)]
 DelaySigma = Annotated[float, Field(ge=0, le=0.1, allow_inf_nan=False)]
-SLOWEST_HZ = 1.0
-UNIT_TOLERANCE = 1e-6
 
 
 class WheelConfig(Section):

@@ -2,7 +2,7 @@
 
 The planner's rows contain bodies, torque offsets and scales, biases and momentum. Here the motion
 is sampled as the devices would, conditioned as in flight, and every state of the configuration is
-included with its prior: wrenches, friction, uncertain links and mounting, wheels, thrusters, modes.
+included with its prior.
 An orbit's gravity gradient and the model's noise count as well. Base rate and attitude are those of
 zero momentum without firings; momentum and firings act through the predicted rows only.
 """

@@ -36,7 +36,7 @@ class Found:
     troubles: list[str]  # describe the rejected values
     may_repeat: bool = False  # whether equal readings in a row are samples
     columns: Sequence[str] = field(default=())  # names of the needed columns
-    slots: Sequence[str] = field(default=())  # joints, wheels or axes of the needed columns
+    slots: Sequence[str] = field(default=())  # devices or axes of the needed columns
     steps: Callable[[IntArray, IntArray], list[str]] = lambda *_: []  # judges rows and stamps [ns]
 
 
@@ -65,7 +65,7 @@ def part_of(
     slots: Sequence[str],
     is_read: Sequence[bool] = (),
 ) -> Part:
-    """Return a quantity's columns in SI units, (k, len(slots)); slots: joints, wheels or axes.
+    """Return a quantity's columns in SI units, (k, len(slots)); slots: devices or axes.
 
     Raises
     ------
