@@ -34,7 +34,7 @@ from fsw.estimators.truncation import OMITTED, coefficients
 from fsw.messages import FloatArray, IntArray
 
 NOISE_POWER = 100.0  # mean squared whitened residual; above it the state is far off, not the motion
-FAR_OFF = 4.0  # power of the excess over it by which a motion handed on is less certain
+FAR_OFF = 3.0  # power of the excess over it by which a motion handed on is less certain
 ADJOINING_NS = 1000  # windows that are farther apart share no motion
 
 
