@@ -14,10 +14,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mcap.exceptions import McapError
-from mcap.reader import NonSeekingReader
-
 from fsw.config.telemetry import TelemetryConfig
+from fsw.errors import ConfigError
+from fsw.exchange.recording import RecordedMessage, messages
 from fsw.messages import Event
 from hil.run.processes import tied
 from hil.run.progress import Meter
@@ -186,13 +185,13 @@ def run(
     recordings = tuple(sorted(set((folder / "recording").glob("*.mcap")) - before))
     if not recordings:
         raise LiveError(f"the daemon left no recording in {folder}; {_tail(folder, 'daemon')}")
-    last = _last_messages(recordings[-1], ("/estimate", "/tm"))
+    last = {message.topic: message.data for message in _messages(recordings, "/estimate", "/tm")}
     if "/estimate" not in last:
         raise LiveError(f"{recordings[-1]}: holds no estimate; {_tail(folder, 'daemon')}")
     return Outcome(
         recordings=recordings,
-        final=last["/estimate"],
-        status=last["/tm"],
+        final=json.loads(last["/estimate"]),
+        status=json.loads(last["/tm"]),
         plant=closing,
         exit_code=exit_code,
         wall_s=time.monotonic() - began_s,
@@ -315,24 +314,16 @@ def stop_process(process: subprocess.Popen[str], name: str) -> int:
         raise LiveError(f"the {name} did not end within {STOP_TIMEOUT_S} s of SIGTERM") from error
 
 
-def _last_messages(recording: Path, topics: tuple[str, ...]) -> dict[str, Any]:
-    """Return the last message of each topic; the recording may be truncated."""
-    last: dict[str, bytes] = {}
-    with recording.open("rb") as file, suppress(McapError):
-        messages = NonSeekingReader(file).iter_messages(list(topics), log_time_order=False)
-        for _, channel, message in messages:
-            last[channel.topic] = message.data
-    return {topic: json.loads(data) for topic, data in last.items()}
+def _messages(recordings: Sequence[Path], *topics: str) -> Iterator[RecordedMessage]:
+    """Yield the messages of some topics, part after part; a part is read up to where it is cut."""
+    for part in recordings:
+        with suppress(ConfigError):
+            yield from messages(part, topics)
 
 
 def events_of(recordings: Sequence[Path]) -> list[Event]:
     """Return the recorded events; a replay has no clock and cannot find the daemon's stalls."""
-    events = []
-    for part in recordings:
-        with part.open("rb") as file, suppress(McapError):
-            messages = NonSeekingReader(file).iter_messages(["/events"], log_time_order=False)
-            events += [Event(**json.loads(message.data)) for _, _, message in messages]
-    return events
+    return [Event(**json.loads(m.data)) for m in _messages(recordings, "/events")]
 
 
 def estimate_by(recordings: Sequence[Path], end_ns: int) -> dict[str, Any]:
@@ -343,13 +334,10 @@ def estimate_by(recordings: Sequence[Path], end_ns: int) -> dict[str, Any]:
     LiveError if there is no such estimate.
     """
     last: dict[str, Any] | None = None
-    for part in recordings:
-        with part.open("rb") as file, suppress(McapError):
-            messages = NonSeekingReader(file).iter_messages(["/estimate"], log_time_order=False)
-            for _, _, message in messages:
-                values = json.loads(message.data)
-                if values["t_ns"] <= end_ns:
-                    last = values
+    for message in _messages(recordings, "/estimate"):
+        values = json.loads(message.data)
+        if values["t_ns"] <= end_ns:
+            last = values
     if last is None:
         raise LiveError(f"{recordings[-1]}: holds no estimate of the motion")
     return last

@@ -100,6 +100,7 @@ def test_faults_of_the_machine_are_told_and_leave_no_trace() -> None:
     for name in MACHINE:
         command += ["--only", name]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.stdout, done.stderr
     found = json.loads(done.stdout)["faults"]
     assert [values["type"] for values in found] == list(MACHINE), done.stderr
     bounds = {"channels", "valid", "nees", "sigma", "own counter"}

@@ -1,11 +1,13 @@
 """Reading what the system says of the processes of a run."""
 
+import json
 import socket
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from mcap.writer import CompressionType, Writer
 
 from fsw.config.telemetry import TelemetryConfig
 from hil.run.live import (
@@ -13,6 +15,7 @@ from hil.run.live import (
     Announcement,
     LiveError,
     children,
+    estimate_by,
     free_udp_ports,
     require_multicast,
     shown,
@@ -89,3 +92,24 @@ def test_an_old_status_says_nothing_of_the_run():
     status = {"t_ns": 0, "estimate": ESTIMATE, "recorder": {"failing": ""}}
     assert "no status" in trouble(status, STALE_NS + 1)
     assert trouble(None, STALE_NS) == ""
+
+
+def test_a_recording_cut_at_any_byte_gives_what_is_before_the_cut(tmp_path: Path) -> None:
+    path, cut = tmp_path / "whole.mcap", tmp_path / "cut.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size=1, compression=CompressionType.NONE)
+        writer.start()
+        channel = writer.register_channel("/estimate", "json", 0)
+        for t_ns in (10, 20, 30):
+            writer.add_message(channel, t_ns, json.dumps({"t_ns": t_ns}).encode(), t_ns)
+        writer.finish()
+    data = path.read_bytes()
+    found = []
+    for size in range(len(data)):
+        cut.write_bytes(data[:size])
+        try:
+            found.append(estimate_by([cut], 25)["t_ns"])
+        except LiveError:
+            found.append(0)
+    assert sorted(found) == found
+    assert set(found) == {0, 10, 20}
