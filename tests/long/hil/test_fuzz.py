@@ -13,7 +13,7 @@ from hil.evidence.fuzz.seeds import seeds
 from hil.evidence.fuzz.table import TARGETS, make, quota
 
 CORPUS = Path(__file__).parents[2] / "corpus"
-CI_INPUTS = 20_000
+CI_INPUTS = 2_000  # `hil fuzz --inputs 1e7` is the campaign
 needs_atheris = pytest.mark.skipif(
     importlib.util.find_spec("atheris") is None, reason="needs atheris"
 )
