@@ -81,6 +81,7 @@ def _row(
     return s.J_tau, J_tau_w, s.J_acc, s.J_gyro, D_tau, D_acc, D_w
 
 
+@lru_cache(maxsize=64)
 def information(
     case: str, sensors: str, channels: str, *, angles_exact: bool = False
 ) -> FloatArray:
