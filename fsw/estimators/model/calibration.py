@@ -11,7 +11,7 @@ import numpy as np
 from fsw.config import BodyConfig, Config
 from fsw.estimators.model.inertia import (
     PARAMETERS,
-    from_pseudo_inertia,
+    parameters_of_pseudo_inertia,
     pseudo_inertia,
     report_jacobian,
     to_parameters,
@@ -20,6 +20,9 @@ from fsw.estimators.model.robot import Hold, RobotModel
 from fsw.messages import FloatArray
 
 _PAIRS = [(i, j) for i in range(4) for j in range(i, 4)]
+_ONE_SIGMA = np.zeros((len(_PAIRS), 4, 4))  # one standard deviation of S, element by element
+for _k, (_i, _j) in enumerate(_PAIRS):
+    _ONE_SIGMA[_k, _i, _j] = _ONE_SIGMA[_k, _j, _i] = 1.0 if _i == _j else np.sqrt(0.5)
 NEGLIGIBLE = 1e-9  # of the longest column: shorter ones count as zero (a rod or a point has some)
 
 
@@ -33,12 +36,8 @@ def spread_root(pi: FloatArray, ratio: float) -> FloatArray:
     """
     values, vectors = np.linalg.eigh(pseudo_inertia(pi))
     L = vectors * np.sqrt(np.maximum(values, 0.0))
-    columns = []
-    for i, j in _PAIRS:
-        S = np.zeros((4, 4))
-        S[i, j] = S[j, i] = 1.0 if i == j else np.sqrt(0.5)
-        columns.append(from_pseudo_inertia(ratio * L @ S @ L.T))
-    root = np.array(columns).T
+    spread = (ratio * L @ _ONE_SIGMA @ L.T).reshape(-1, 16)
+    root: FloatArray = parameters_of_pseudo_inertia() @ spread.T
     length = np.linalg.norm(root, axis=0)
     return root[:, length > NEGLIGIBLE * max(float(length.max()), 1e-300)]
 

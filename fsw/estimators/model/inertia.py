@@ -122,7 +122,7 @@ def parameter_basis() -> FloatArray:
 
 
 @lru_cache(maxsize=1)
-def _parameters_of_pseudo_inertia() -> FloatArray:
+def parameters_of_pseudo_inertia() -> FloatArray:
     """Return (10, 16): `from_pseudo_inertia` as a matrix on the flattened pseudo-inertia."""
     return np.stack([from_pseudo_inertia(e.reshape(4, 4)) for e in np.eye(16)], axis=1)
 
@@ -135,7 +135,7 @@ def frame_changes(X_AB: FloatArray) -> FloatArray:
     """
     X_X = (X_AB[:, :, None, :, None] * X_AB[:, None, :, None, :]).reshape(-1, 16, 16)
     basis = parameter_basis().reshape(PARAMETERS, 16).T
-    changes: FloatArray = _parameters_of_pseudo_inertia() @ (X_X @ basis)
+    changes: FloatArray = parameters_of_pseudo_inertia() @ (X_X @ basis)
     return changes
 
 
