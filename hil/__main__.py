@@ -84,7 +84,13 @@ def parser() -> argparse.ArgumentParser:
         "seeds", help="many seeds of a scenario, and what they say together"
     )
     seeds.add_argument("scenario", metavar="SCENARIO")
-    seeds.add_argument("--first", type=seed, default=0, metavar="K", help="first seed, 0")
+    which = seeds.add_mutually_exclusive_group()
+    which.add_argument("--first", type=seed, default=0, metavar="K", help="first seed, 0")
+    which.add_argument(
+        "--fresh",
+        action="store_true",
+        help="seeds that the commit's hash fixes: nobody has used them before",
+    )
     seeds.add_argument("--count", type=count, default=10, metavar="N", help="consecutive seeds, 10")
     seeds.add_argument("--jobs", type=count, default=1, metavar="N", help="runs at a time, 1")
     seeds.add_argument(
@@ -147,19 +153,23 @@ def _list(_arguments: argparse.Namespace) -> int:
 
 
 def _seeds(arguments: argparse.Namespace) -> int:
+    from hil.evidence.provenance import commit, seed_or_fresh
     from hil.evidence.seeds import run_seeds, show, summary
     from hil.evidence.settings import settled
 
     require_own(arguments)
-    settled(arguments.scenario, arguments.settings, arguments.first)  # a wrong setting fails once
-    numbers = range(arguments.first, arguments.first + arguments.count)
+    study = " ".join((arguments.scenario, *arguments.settings))
+    first = seed_or_fresh(None if arguments.fresh else arguments.first, study)
+    settled(arguments.scenario, arguments.settings, first)  # a wrong setting fails once
+    numbers = range(first, first + arguments.count)
     options = [] if arguments.real_time else ["--fast"]
     options += [word for setting in arguments.settings for word in ("--set", setting)]
     files = {k: path for k in ("config", "devices") if (path := getattr(arguments, k)) is not None}
     outcomes = run_seeds(arguments.scenario, numbers, arguments.jobs, options, arguments.out, files)
     if arguments.json:
-        print(json.dumps({"summary": summary(outcomes), "runs": outcomes}))
+        print(json.dumps({"commit": commit(), "summary": summary(outcomes), "runs": outcomes}))
     else:
+        print(f"commit {commit()}, seeds {numbers[0]} to {numbers[-1]}")
         show(outcomes, _console())
     return 0 if all(outcome["valid"] for outcome in outcomes) else FAILED_EXIT
 

@@ -8,7 +8,9 @@ import pytest
 import yaml
 from scipy.stats import chi2
 
-from hil.evidence import runner
+from hil.__main__ import main
+from hil.evidence import provenance, runner
+from hil.evidence import seeds as many
 from hil.evidence.seeds import run_seeds, summary
 from hil.evidence.settings import content_of
 from hil.world.scenario import FOLDER, ScenarioError, load, names
@@ -97,3 +99,25 @@ def test_every_scenario_has_a_content_that_stays(name):
 def test_a_changed_world_has_another_content():
     world = load("target_leo")
     assert content_of(replace(world, before_s=5.0), {}) != content_of(world, {})
+
+
+def test_fresh_seeds_follow_from_commit_scenario_and_settings(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked = []
+
+    def flown(_scenario: str, numbers: range, *_: object) -> list[dict[str, Any]]:
+        asked.append(numbers)
+        return [outcome(400.0, 9.0)]
+
+    monkeypatch.setattr(many, "run_seeds", flown)
+    monkeypatch.setattr(provenance, "commit", lambda: "c691e082")
+    coarse = ["--set", "sensors.joints.encoder_bits=16"]
+    for words in ([], [], coarse):
+        assert main(["seeds", "target_leo", "--fresh", "--count", "5", "--json", *words]) == 0
+    assert asked[0] == asked[1] != asked[2]
+    assert all(len(own) == 5 and own[0] >= provenance.FIRST_FRESH for own in asked)
+    capsys.readouterr()
+    with pytest.raises(SystemExit, match="2"):
+        main(["seeds", "target_leo", "--fresh", "--first", "3"])
+    assert "--first: not allowed with argument --fresh" in capsys.readouterr().err
