@@ -10,7 +10,7 @@ from fsw.checks.configuration import validate
 from fsw.checks.robot import read_model
 from fsw.checks.urdf import check_urdf
 from fsw.commands.check_log import frame_findings
-from fsw.commands.init_answers import Ask, asker, mass_kg, one_of
+from fsw.commands.init_answers import Ask, mass_kg, one_of
 from fsw.commands.init_devices import device, library, listing
 from fsw.commands.init_recording import RATE_HZ, Recorded, recorded
 from fsw.commands.init_text import (
@@ -104,7 +104,7 @@ def described(
         raise ConfigError(f"{arguments.urdf}: cannot be read: {error.strerror}") from error
     except ConfigError as error:
         raise ConfigError(f"{arguments.urdf} {error}") from error
-    ask = asker(arguments)
+    ask = Ask(arguments)
     root = ET.fromstring(content)
     base = _base(ask, root, arguments)
     leaves = _leaves(root)
@@ -121,7 +121,9 @@ def described(
     is_current = found is not None and found.wires is not None and found.wires.is_current
     usual = "motor_current" if is_current else "arm_sensor" if is_held else "generic"
     arguments.torque = arguments.torque or usual
-    return _text(arguments, ask, tool, root, model, found) + base, found
+    text = _text(arguments, ask, tool, root, model, found)
+    ask.require_all()
+    return text + base, found
 
 
 def _name_sensors(arguments: argparse.Namespace, found: Recorded, *, moves: bool) -> None:
@@ -152,7 +154,8 @@ def _base(ask: Ask, root: ET.Element, arguments: argparse.Namespace) -> str:
         if given is None and top and link is not None and link.find("inertial") is None:
             words = f"the root link {link.get('name')!r} has no mass and a fixed joint"
             words += f"; what holds the base ({', '.join(HELD)})"
-            held = ask("base", words, one_of(HELD))
+            held = ask("base", words, one_of(HELD), stand_in=HELD[0])
+            ask.require_all()  # it decides what else is needed
             break
     arguments.base = held
     if held == "free":
@@ -202,7 +205,7 @@ def _text(
     if "base" in bodies:
         lines += body_lines("base", *from_parameters(_of_root(root, model)), 0.5)
     if "target" in bodies:
-        mass = ask("target_mass_kg", "guess of the target's mass [kg]", mass_kg)
+        mass = ask("target_mass_kg", "guess of the target's mass [kg]", mass_kg, stand_in="1")
         side = (mass / DENSITY_KG_M3) ** (1 / 3)
         moment = mass * side**2 / 6
         inertia = [moment, 0.0, 0.0, moment, 0.0, moment]

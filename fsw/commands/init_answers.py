@@ -5,7 +5,7 @@ import sys
 from collections.abc import Callable, Sequence
 from difflib import get_close_matches
 from math import isfinite
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 from fsw.config.base import MAX_MASS_KG
 from fsw.config.sensors import MAX_ANGLE_RAD
@@ -14,19 +14,21 @@ from fsw.errors import ConfigError
 T = TypeVar("T")
 
 
-class Ask(Protocol):
-    """Returns the value of a flag, or asks for it if stdin is a terminal."""
+class Ask:
+    """Returns the value of a flag, or asks for it if stdin is a terminal.
 
-    def __call__(self, name: str, words: str, kind: Callable[[str], T], default: str = "", /) -> T:
+    If it is none, `missing` names the flags that are missing, and a stand-in goes on for each.
+    """
+
+    def __init__(self, arguments: argparse.Namespace) -> None:
+        self._arguments = arguments
+        self.missing = list[tuple[str, str]]()  # flags and the words that ask for them
+
+    def __call__(
+        self, name: str, words: str, kind: Callable[[str], T], default: str = "", stand_in: str = ""
+    ) -> T:
         """Return the value of flag `name`; `words` ask for it, `kind` converts the text."""
-        ...
-
-
-def asker(arguments: argparse.Namespace) -> Ask:
-    """Return a function that returns a flag's value, or asks for it if stdin is a terminal."""
-
-    def ask(name: str, words: str, kind: Callable[[str], T], default: str = "", /) -> T:
-        value = getattr(arguments, name)
+        value = getattr(self._arguments, name)
         flag = f"--{name.replace('_', '-')}"
         if value is not None:
             try:
@@ -34,7 +36,8 @@ def asker(arguments: argparse.Namespace) -> Ask:
             except ValueError as error:
                 raise ConfigError(f"{flag}: {error}") from error
         if not sys.stdin.isatty():
-            raise ConfigError(f"{flag}: missing; {words}")
+            self.missing.append((flag, words))
+            return kind(default or stand_in)
         while True:
             try:
                 answer = input(f"{words}{f', empty: {default}' if default else ''}: ") or default
@@ -45,7 +48,12 @@ def asker(arguments: argparse.Namespace) -> Ask:
             except ValueError as error:
                 sys.stderr.write(f"{flag}: {error}; once more\n")
 
-    return ask
+    def require_all(self) -> None:
+        """Raise ConfigError if flags are missing, with the words of the first and all names."""
+        if self.missing:
+            (flag, words), *others = self.missing
+            too = f" (missing too: {', '.join(name for name, _ in others)})" if others else ""
+            raise ConfigError(f"{flag}: missing; {words}{too}")
 
 
 def three(text: str) -> list[float]:

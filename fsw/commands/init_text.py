@@ -28,6 +28,7 @@ SPARE = 1.2  # ratio of a limit to the largest value of a recording
 BITRATE = 1_000_000
 LEAST_SIGMA = 1e-9  # of an inertia, by the configuration
 MOST_NODE = 127
+NO_TURN = "0 0 0"  # stands in for a place or a turn that is missing
 
 
 def word(text: str) -> str:
@@ -227,12 +228,14 @@ def imu_lines(ask: Ask, found: Recorded | None) -> tuple[list[str], Mapping[str,
         return [], {}
     units = library()["imu"]
     words = f"inertial unit ({', '.join(units)}; none on a clamped base)"
-    name = ask("imu", words, one_of((*units, "none")))
+    name = ask("imu", words, one_of((*units, "none")), stand_in=next(iter(units)))
     if name == "none":
         return [], {}
     unit = device("imu", name)
-    place = ask("imu_xyz", "place of the inertial unit in the root link, x y z [m]", three)
-    turn = ask("imu_rpy", "roll, pitch, yaw that take its axes to the root link's [rad]", angles)
+    words = "place of the inertial unit in the root link, x y z [m]"
+    place = ask("imu_xyz", words, three, stand_in=NO_TURN)
+    words = "roll, pitch, yaw that take its axes to the root link's [rad]"
+    turn = ask("imu_rpy", words, angles, stand_in=NO_TURN)
     is_sampled = found is not None and found.is_table
     if found is not None and found.imu_rate_hz:
         seen = {
@@ -272,7 +275,8 @@ def tracker_lines(ask: Ask, found: Recorded | None) -> tuple[list[str], Mapping[
     if name == "none":
         return [], {}
     unit = device("star_tracker", name)
-    turn = ask("tracker_rpy", "roll, pitch, yaw of the star tracker (boresight z) [rad]", angles)
+    words = "roll, pitch, yaw of the star tracker (boresight z) [rad]"
+    turn = ask("tracker_rpy", words, angles, stand_in=NO_TURN)
     if found is not None and found.tracker_rate_hz:
         keys = ("noise_across_rad", "noise_about_rad")
         unit = unit | {"rate_hz": found.tracker_rate_hz}

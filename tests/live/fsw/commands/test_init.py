@@ -56,6 +56,15 @@ def test_what_is_missing_or_wrong_is_one_line(arm, capsys, changes, words):
     assert not (arm.folder / "new.yaml").exists()
 
 
+def test_all_that_is_missing_is_named_at_once(arm, capsys):
+    flags = dict.fromkeys((flag[2:].replace("-", "_") for flag in FLAGS), None)
+    assert main(command(arm, **flags)) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    first, *others = [flag for flag in FLAGS if flag != "--tracker-rpy"]  # the default has none
+    assert f"{first}: missing; " in line
+    assert line.endswith(f"(missing too: {', '.join(others)})")
+
+
 def test_a_file_is_not_overwritten(arm, capsys):
     assert main(command(arm)) == 0
     assert main(command(arm)) == 2
