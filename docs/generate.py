@@ -40,7 +40,8 @@ scenario and prints the mean normalised error with its 99 % band.
 
 Each row has a command that anyone can run and the commit at which it ran; bounds stood in the code
 before the figures. Long commands continue from the folder given with `--out`. NEES is the mean
-squared error over the covariance, *of* its expected value, with the 99 % band (95 % in real time).
+squared error over the covariance, *of* its expected value, with the 99 % band (95 % in real time);
+of ten parameters it is [6.73, 14.02] for 10 seeds, [7.61, 12.76] for 20.
 """
 
 
