@@ -81,6 +81,18 @@ def identified(case: Case, folder: Path) -> dict[str, Any]:
     ------
     ScenarioError if `fsw import` refuses the table, or `fsw identify` prints no result.
     """
+    config, recording = (str(path) for path in imported(case, folder))
+    said = _fsw("identify", recording, "--config", config, "--json", may_fail=True)
+    return dict(json.loads(said))
+
+
+def imported(case: Case, folder: Path) -> tuple[Path, Path]:
+    """Write and import the table of a case; return its configuration and its recording.
+
+    Raises
+    ------
+    ScenarioError if `fsw import` refuses the table.
+    """
     config, mapping, table, out = (
         folder / name for name in ("robot.yaml", "map.yaml", "arm.csv", "arm.mcap")
     )
@@ -96,8 +108,7 @@ def identified(case: Case, folder: Path) -> dict[str, Any]:
     config.write_text(yaml.safe_dump(_config(case)), encoding="utf-8")
     mapping.write_text(yaml.safe_dump(_mapping(case)), encoding="utf-8")
     _fsw("import", str(table), "--map", str(mapping), "--config", str(config), "--out", str(out))
-    said = _fsw("identify", str(out), "--config", str(config), "--json", may_fail=True)
-    return dict(json.loads(said))
+    return config, out
 
 
 def _fsw(*arguments: str, may_fail: bool = False) -> str:

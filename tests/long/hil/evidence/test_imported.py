@@ -11,7 +11,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from fsw.commands.importing.bags import WRENCH, bag_columns
-from hil.evidence.imported.case import WRIST_OFFSET, Case, identified, row_of
+from hil.evidence.imported.case import WRIST_OFFSET, Case, identified, imported, row_of
 
 CHI2_4_9999 = 23.5
 SEED = 40
@@ -70,9 +70,9 @@ def test_a_wrongly_declared_wrist_is_not_believed(tmp_path: Path, changes: Any) 
 def test_check_names_a_wrong_sign_and_exchanged_axes(
     tmp_path: Path, changes: Any, words: str
 ) -> None:
-    identified(Case("moving", "both", SEED, changes), tmp_path)
-    command = [sys.executable, "-m", "fsw", "check", *("robot.yaml", "arm.mcap")]
-    said = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    paths = imported(Case("moving", "both", SEED, changes), tmp_path)
+    command = [sys.executable, "-m", "fsw", "check", *paths]
+    said = subprocess.run(command, capture_output=True, text=True, check=False)
     assert words in said.stdout
 
 
