@@ -107,7 +107,7 @@ def _channels(config: Config, windows: Sequence[Window]) -> list[_Channel]:
             )
             found.append(channel)
     for k, sensor in enumerate(config.wrench_sensors):
-        own = [window.wrenches[k] for window in windows]
+        own = [window.of("wrench_sensors")[k] for window in windows]
         for key, first in (("force_noise_n", 0), ("torque_noise_nm", 3)):
             axes, declared = [(own, first + axis) for axis in range(3)], float(getattr(sensor, key))
             place = f"wrench_sensors.{k}.{key}"

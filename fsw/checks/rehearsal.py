@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from fsw.config import Config
 from fsw.errors import ConfigError, unforeseen
 from fsw.estimators.conditioning import build_conditioner
+from fsw.estimators.effects.registered import DEVICES
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.pipeline import Estimator
 from fsw.estimators.recursive.online import build_online
@@ -52,7 +53,7 @@ def _update(config: Config, problem: Problem, estimator: Estimator) -> Estimate:
 
 
 def _window(config: Config) -> Window:
-    """Return a window with samples of all sensors, in which joints and wheels speed up gently."""
+    """Return a window with samples of all sensors, in which all that moves does so gently."""
     window_s = config.estimator.window_s
     rates = {bus.name: bus.rate_hz for bus in config.buses}
     joints = []
@@ -63,11 +64,6 @@ def _window(config: Config) -> Window:
             angle = SPEED_RAD_S * (1.0 + 0.1 * place + 2.0 * t_s / window_s)
         torque = TORQUE_NM * np.cos(t_s / window_s + place)
         joints.append(_channel(t_s, np.stack([angle, torque], axis=1)))
-    wheels = []
-    for wheel in config.wheels:
-        t_s = _times_s(window_s, wheel.rate_hz)
-        gained = 0.1 * wheel.torque_limit_nm * t_s / wheel.inertia_kg_m2
-        wheels.append(_channel(t_s, np.stack([gained, np.full(len(t_s), np.nan)], axis=1)))
     t_s = _times_s(window_s, config.imu.rate_hz)
     turn = np.stack([np.sin(t_s / window_s + axis) for axis in range(3)], axis=1)
     still_s = np.array([0.5 * window_s] if config.star_tracker is not None else [])
@@ -79,21 +75,15 @@ def _window(config: Config) -> Window:
         gyro=_channel(t_s, RATE_RAD_S * turn),
         accelerometer=_channel(t_s, FORCE_M_S2 * turn),
         attitude=_channel(still_s, np.tile([0.0, 0.0, 0.0, 1.0], (len(still_s), 1))),
-        wheels=tuple(wheels),
-        wrenches=tuple(
-            _channel(t, TORQUE_NM * np.cos(t[:, None] / window_s + np.arange(len(own.noise))))
-            for own in config.wrench_sensors
-            for t in [_times_s(window_s, own.rate_hz)]
-        ),
-        thrusters=tuple(_channel(*_pulse(window_s, own.rate_hz)) for own in config.thrusters),
+        devices={
+            kind.section: tuple(
+                _channel(t_s, kind.gentle(own, t_s, window_s))
+                for own in getattr(config, kind.section)
+                for t_s in [_times_s(window_s, own.rate_hz)]
+            )
+            for kind in DEVICES
+        },
     )
-
-
-def _pulse(window_s: float, rate_hz: float) -> tuple[FloatArray, FloatArray]:
-    """Return times (k,) [s] and values (k, 2) of a valve that opens after its first report."""
-    t_s = _times_s(window_s, rate_hz)
-    is_open = (t_s > t_s[0]).astype(np.float64)
-    return t_s, np.stack([is_open, np.diff(is_open, prepend=0.0)], axis=1)
 
 
 def _times_s(window_s: float, rate_hz: float) -> FloatArray:

@@ -98,8 +98,8 @@ class Trial:
 
     Attributes
     ----------
-    streams : by channel: `gyro`, `accelerometer`, `attitude`, and a joint, wheel or thruster by
-        its section and place, such as `joints.0`
+    streams : by channel: `gyro`, `accelerometer`, `attitude`, and a joint or other device by its
+        section and place, such as `joints.0`
     runs : (start, stop) of consecutive windows [ns]
     centres_ns : a block is used if its window covers one of these times
     """
@@ -159,20 +159,16 @@ class Trial:
                 gyro=self.streams[GYRO].within(at_ns, at_ns + width_ns, inertial),
                 accelerometer=self.streams[ACCELEROMETER].within(at_ns, at_ns + width_ns, inertial),
                 attitude=self.streams[ATTITUDE].within(at_ns, at_ns + width_ns),
-                wheels=self._every("wheels", len(config.wheels), at_ns, at_ns + width_ns),
-                wrenches=self._every(
-                    "wrench_sensors", len(config.wrench_sensors), at_ns, at_ns + width_ns
-                ),
-                thrusters=self._every("thrusters", len(config.thrusters), at_ns, at_ns + width_ns),
+                devices={
+                    section: tuple(
+                        self.streams[f"{section}.{k}"].within(at_ns, at_ns + width_ns)
+                        for k in range(len(own))
+                    )
+                    for section, own in config.devices.items()
+                },
             )
             for at_ns in starts_ns
         ]
-
-    def _every(
-        self, section: str, count: int, start_ns: int, stop_ns: int
-    ) -> tuple[ChannelWindow, ...]:
-        own = [self.streams[f"{section}.{k}"] for k in range(count)]
-        return tuple(stream.within(start_ns, stop_ns) for stream in own)
 
     def fit(self, iterations: int = ITERATIONS, *, plain: bool = False) -> Fit:
         """Return the best fit of the bodies; `plain` as `minimise` has it."""
@@ -247,7 +243,8 @@ def make_trial(
     """
     windows = unwrapped(config, windows)
     moving = [block for block in blocks if np.abs(block.qd_rad_s).max(initial=0.0) > 0.0] or blocks
-    depends = config.wheels or config.thrusters or any(j.speed_only for j in config.joints)
+    lasting = any(own[0].lasts for own in config.devices.values())
+    depends = lasting or any(j.speed_only for j in config.joints)
     by_index = {window.index: k for k, window in enumerate(windows)}
     places = [by_index[block.index] for block in moving]
     if depends:
@@ -268,16 +265,9 @@ def make_trial(
                 for k in range(len(config.joints))
             },
             **{
-                f"wheels.{k}": joined([w.wheels[k] for w in kept])
-                for k in range(len(config.wheels))
-            },
-            **{
-                f"thrusters.{k}": joined([w.thrusters[k] for w in kept])
-                for k in range(len(config.thrusters))
-            },
-            **{
-                f"wrench_sensors.{k}": joined([w.wrenches[k] for w in kept])
-                for k in range(len(config.wrench_sensors))
+                f"{section}.{k}": joined([w.devices[section][k] for w in kept])
+                for section, own in config.devices.items()
+                for k in range(len(own))
             },
             GYRO: joined([w.gyro for w in kept]),
             ACCELEROMETER: joined([w.accelerometer for w in kept]),

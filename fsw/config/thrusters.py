@@ -1,7 +1,7 @@
 """Section of thrusters: valves on the base whose reported firings are known inputs."""
 
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -16,6 +16,8 @@ ValveSigma = Annotated[float, Field(ge=0, le=1.0, allow_inf_nan=False)]
 class ThrusterConfig(Section):
     """One thruster: a valve of a CAN node, and the force on the base while the valve is open."""
 
+    width: ClassVar = 2  # values of a sample: is_open (NaN: a change may be missing), is_change
+    lasts: ClassVar = True  # as of a wheel
     name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}$")]
     """its name in events and status"""
     driver: Literal["canopen"] = "canopen"

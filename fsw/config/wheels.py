@@ -1,7 +1,7 @@
 """Section of reaction wheels: rotors that exchange momentum with the base."""
 
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -29,6 +29,8 @@ DelaySigma = Annotated[float, Field(ge=0, le=0.1, allow_inf_nan=False)]
 class WheelConfig(Section):
     """One wheel: a rotor, symmetric about an axis that is fixed in the base."""
 
+    width: ClassVar = 2  # values of a sample: speed_rad_s, torque_nm (NaN: unusable)
+    lasts: ClassVar = True  # one sample in a window is enough: earlier ones show the state too
     name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}$")]
     """its name in events and status"""
     driver: Literal["canopen", "described"] = "canopen"

@@ -50,6 +50,7 @@ from fsw.config.wheels import WheelConfig, wheels_go_with
 from fsw.config.wrench_sensors import WrenchSensorConfig, wrench_sensors_go_with
 from fsw.errors import ConfigError
 
+DEVICES = ("wheels", "thrusters", "wrench_sensors")  # lists of devices with channels of their own
 BETWEEN_FILES = " + "  # in the name of a configuration with overlays
 
 
@@ -117,6 +118,11 @@ class Config(Section):
         nodes = {f"{thruster.bus}:{thruster.node_id}": thruster for thruster in self.thrusters}
         wheels = (wheel for wheel in self.wheels if wheel.node_id is not None)
         return (*joints, *wheels, *nodes.values())
+
+    @property
+    def devices(self) -> dict[str, tuple[WheelConfig | ThrusterConfig | WrenchSensorConfig, ...]]:
+        """All devices with channels of their own besides joints, by section; no empty ones."""
+        return {section: own for section in DEVICES if (own := getattr(self, section))}
 
     def as_read(self) -> Self:
         """Return the configuration that `source` states, without later changes."""

@@ -1,7 +1,7 @@
 """Section of force-torque sensors in an arm, for example at its wrist."""
 
 from collections.abc import Sequence
-from typing import Annotated, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -29,6 +29,8 @@ class WrenchSensorConfig(Section):
     target included, about the origin of S in axes S. Its samples come from `fsw import` only.
     """
 
+    width: ClassVar = 6  # values of a sample in axes S: force [N], moment about its origin [N m]
+    lasts: ClassVar = False  # it has a window's polynomial
     name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}$")]
     """its name in messages, and in the recording; not that of a joint"""
     rate_hz: Rate

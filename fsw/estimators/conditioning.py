@@ -16,14 +16,13 @@ from numpy.typing import NDArray
 
 from fsw.config import Config
 from fsw.estimators.arm_motion import ArmConditioner, ArmWanted, is_doubtful, tells_of_noise
+from fsw.estimators.effects.device import Part
+from fsw.estimators.effects.registered import DEVICES
 from fsw.estimators.found_noise import LAGS
 from fsw.estimators.model.building import imu_samples, joint_order
-from fsw.estimators.model.problem import Thrusters
 from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.polynomial import EXTRA_DEGREE, gauss_nodes
 from fsw.estimators.rotation import rotation_from_xyzw
-from fsw.estimators.valves import Valves, changes
-from fsw.estimators.wheel_motion import Turn, WheelMotion
 from fsw.estimators.window_fit import NO_FIT, Fitted, Instants, Wanted, fit_windows
 from fsw.estimators.wrench_fit import WrenchConditioner
 from fsw.messages import Block, ChannelWindow, FloatArray, Window
@@ -39,8 +38,7 @@ class _Asked:
 
     window: Window
     t_ns: NDArray[np.int64]  # (m,) of the nodes
-    firings: dict[str, FloatArray] | None  # the thrusters' part of a block; None: unknown
-    missed: bool  # whether a change of a valve was missed
+    devices: list[Part]  # of the block, by each kind of device that the base has
     arm: ArmWanted | None  # None: a joint's samples are missing
     wrenches: list[Wanted | None]  # of each wrench sensor; None: missing
     gyro: Wanted | None  # None: missing; likewise the accelerometer
@@ -55,7 +53,7 @@ class _Asked:
 
 
 class Conditioner:
-    """Turns windows into blocks; keeps counters, the last attitude, and newest wheel samples.
+    """Turns windows into blocks; keeps counters, the last attitude, and newest samples of devices.
 
     `order[k]` is the index, in the configured joint list, of the model's joint k.
     """
@@ -71,11 +69,8 @@ class Conditioner:
         self._sigma_gyro = imu.angle_random_walk_rad_sqrt_s * imu.rate_hz**0.5
         self._sigma_acc = imu.velocity_random_walk_m_s_sqrt_s * imu.rate_hz**0.5
         self._imu_samples = imu_samples(config)
-        self._wheels = [WheelMotion(wheel) for wheel in config.wheels]
-        self._valves = Valves(config.thrusters) if config.thrusters else None
-        self._tail_s = Thrusters.of(config).tail_s
-        self._momentum_lost = False  # a change of a valve was missed, or may have been
-        self._newest = -1  # index of the newest window
+        self._devices = [own for kind in DEVICES for own in kind.followers(config)]
+        self._momentum_lost = False
         self.outliers = 0
         self.unusable_windows = 0
         self._R_NB = np.eye(3)
@@ -95,8 +90,8 @@ class Conditioner:
     def blocks(self, windows: Sequence[Window]) -> list[Block | None]:
         """Return the block of each window, in order; None where the motion cannot be known.
 
-        A window is unusable if a joint's position, a wheel's momentum or a valve's state is
-        unknown. A missing gyro or accelerometer is marked in the block, and its rows are not used.
+        A window is unusable if a joint's position or the state of a device is unknown. A missing
+        gyro or accelerometer is marked in the block, and its rows are not used.
         Windows given together have the same blocks as windows given one by one.
         """
         asked = [self._asked(window) for window in windows]
@@ -107,18 +102,12 @@ class Conditioner:
         half_s = (window.stop_ns - window.start_ns) * 0.5e-9
         centre_ns = (window.start_ns + window.stop_ns) // 2
         t_ns = centre_ns + np.rint(gauss_nodes(self._nodes) * half_s * 1e9).astype(np.int64)
-        firings: dict[str, FloatArray] | None = {}
-        missed = False
-        if self._valves is not None:
-            own = window.thrusters, window.start_ns, window.stop_ns
-            firings, missed = self._valves.at(*own)
-        edges = firings.get("edges") if firings else None
-        gated = edges is None or not changes(edges, self._tail_s, -half_s)
+        devices = [own.at(window, t_ns) for own in self._devices]
+        gated = all(part.is_smooth for part in devices)
         return _Asked(
             window,
             t_ns,
-            firings,
-            missed,
+            devices,
             self._arm.wanted(window, gated=gated),
             self._wrenches.wanted(window, gated=gated),
             self._inertial(window, window.gyro, self._sigma_gyro, (0, 1), gated=gated),
@@ -128,8 +117,10 @@ class Conditioner:
     def _block(self, asked: _Asked, fitted: Iterator[Fitted]) -> Block | None:
         """Return the block of a window, whose fits are the next ones of `fitted`."""
         m, window, arm = self._nodes, asked.window, None
-        turns = self._turns(window, asked.t_ns)
-        self._follow_valves(asked)
+        for part in asked.devices:
+            self.outliers += part.removed
+            self._found += part.findings
+            self._momentum_lost |= part.loses_momentum
         if asked.arm is not None:
             own = [next(fitted) for _ in asked.arm.wanted]
             arm, removed = self._arm.made(asked.arm, own, window.start_ns, window.stop_ns)
@@ -148,7 +139,7 @@ class Conditioner:
                     Finding(window.stop_ns, Fault.ENCODER_FAULT, self._names[k], text)
                 )
             arm = None
-        if arm is None or turns is None or asked.firings is None:
+        if arm is None or any(part.fields is None for part in asked.devices):
             self.unusable_windows += 1
             return None
         gyro, cov_gyro, has_gyro, left_gyro = self._measured(
@@ -180,48 +171,8 @@ class Conditioner:
             has_accelerometer=has_acc,
             has_attitude=self._attitude_known and not self._momentum_lost,
             walk_rad2=arm.walk_rad2,
-            **turns,
-            **asked.firings,
+            **{key: value for part in asked.devices for key, value in (part.fields or {}).items()},
         )
-
-    def _turns(self, window: Window, t_ns: NDArray[np.int64]) -> dict[str, FloatArray] | None:
-        """Return the wheels' part of a block; None if the momentum of a wheel is unknown."""
-        found: list[Turn | None] = []
-        for wheel, channel in zip(self._wheels, window.wheels, strict=True):
-            turn = None
-            if not self._names:  # the body's motion is known by its gyro alone
-                half_s = (window.stop_ns - window.start_ns) * 0.5e-9
-                offsets_ns = channel.t_ns - (window.start_ns + window.stop_ns) // 2
-                m = self._nodes
-                turn = wheel.along(channel, Instants(offsets_ns.tobytes(), half_s, m, m - 1))
-            turn = turn or wheel.at(channel, window.start_ns, t_ns)
-            found.append(turn)
-            if turn is not None:
-                self.outliers += turn.removed
-            elif not channel.stale:
-                text = "its samples do not agree with one another"
-                self._found.append(
-                    Finding(window.stop_ns, Fault.WHEEL_INCONSISTENT, wheel.name, text)
-                )
-        known = [turn for turn in found if turn is not None]
-        if len(known) < len(found):
-            return None
-        if not known:
-            return {}
-        return {
-            "wheel_nms": np.stack([turn.h_nms for turn in known], axis=1),
-            "wheel_nm": np.stack([turn.hd_nm for turn in known], axis=1),
-            "cov_wheel": np.stack([turn.covariance for turn in known]),
-        }
-
-    def _follow_valves(self, asked: _Asked) -> None:
-        """Mark the momentum as lost if a change of a valve was missed, or may have been."""
-        window = asked.window
-        resumed, self._newest = self._newest < 0 < window.index, window.index
-        if asked.missed:
-            text = "a change was missed; the momentum is not used any more"
-            self._found.append(Finding(window.stop_ns, Fault.THRUSTER_UNKNOWN, "valves", text))
-        self._momentum_lost |= self._valves is not None and (asked.missed or resumed)
 
     def _attitude(
         self, channel: ChannelWindow, t_ns: NDArray[np.int64], w_NB_B: FloatArray
@@ -257,7 +208,7 @@ class Conditioner:
         """Return the fit that a channel of the inertial unit needs; None: the channel is missing.
 
         A window does not count for the noise if it has too few samples for the highest polynomial,
-        or if a thrust changes in it.
+        or if a force changes in it.
         """
         if channel.missing:
             return None

@@ -10,7 +10,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from fsw.config import ThrusterConfig
-from fsw.messages import MOST_EDGES, ChannelWindow, FloatArray
+from fsw.estimators.effects.device import Part
+from fsw.messages import MOST_EDGES, ChannelWindow, FloatArray, IntArray, Window
+from fsw.messages.findings import Fault, Finding
 
 SILENT_PERIODS = 5.0  # without a report for longer, a valve's state counts as unknown
 SETTLED_RISES = 40.0  # rise times after which a force has settled in double precision
@@ -27,10 +29,10 @@ def changes(edges: FloatArray, tail_s: FloatArray, start_s: float) -> bool:
 
 
 class Valves:
-    """Newest states and unsettled changes of all valves."""
+    """Newest states and unsettled changes of all valves, as `Follower`."""
 
-    def __init__(self, thrusters: Sequence[ThrusterConfig]) -> None:
-        count = len(thrusters)
+    def __init__(self, thrusters: Sequence[ThrusterConfig], tail_s: FloatArray) -> None:
+        count, self._tail_s, self._is_first = len(thrusters), tail_s, True
         self._silent_ns = [round(SILENT_PERIODS / t.rate_hz * 1e9) for t in thrusters]
         self._settled_s = np.array(
             [
@@ -46,7 +48,21 @@ class Valves:
         self._opened_s = np.zeros(count)  # up to `_until_ns`
         self._until_ns: int | None = None
 
-    def at(
+    def at(self, window: Window, _t_ns: IntArray) -> Part:
+        """Return the valves' part of a block; its fields are None if a state is unknown."""
+        start_ns, stop_ns = window.start_ns, window.stop_ns
+        fields, missed = self.found(window.of("thrusters"), start_ns, stop_ns)
+        half_s = (stop_ns - start_ns) * 0.5e-9
+        text = "a change was missed; the momentum is not used any more"
+        resumed, self._is_first = self._is_first and window.index > 0, False
+        return Part(
+            fields=fields,
+            findings=[Finding(stop_ns, Fault.THRUSTER_UNKNOWN, "valves", text)] * missed,
+            is_smooth=fields is None or not changes(fields["edges"], self._tail_s, -half_s),
+            loses_momentum=missed or resumed,  # resumed: a change may have been missed
+        )
+
+    def found(
         self, channels: Sequence[ChannelWindow], start_ns: int, stop_ns: int
     ) -> tuple[dict[str, FloatArray] | None, bool]:
         """Return a block's columns `edges` and `opened_s`, and whether a change was missed.

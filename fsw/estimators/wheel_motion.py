@@ -15,9 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotri, dtrtrs
 
-from fsw.config import WheelConfig
+from fsw.config import Config, WheelConfig
+from fsw.estimators.effects.device import Part
 from fsw.estimators.window_fit import Instants, Wanted, fit_windows
-from fsw.messages import ChannelWindow, FloatArray, IntArray, false_alarms
+from fsw.messages import CARRIED, ChannelWindow, FloatArray, IntArray, Window, false_alarms
+from fsw.messages.findings import Fault, Finding
 
 BEFORE_PERIODS = 4.0  # report periods before the window whose samples are used too
 SILENT_PERIODS = 5.0  # without a sample for longer, the momentum counts as unknown
@@ -60,6 +62,40 @@ class _Samples:
             if self.apart_s.any()
             else (self.t_s,)
         )
+
+
+class WheelsMotion:
+    """Conditioning of all wheels, as `Follower`."""
+
+    def __init__(self, config: Config) -> None:
+        self._wheels = [WheelMotion(wheel) for wheel in config.wheels]
+        self._has_joints = len(config.joints) > 0
+
+    def at(self, window: Window, t_ns: IntArray) -> Part:
+        """Return the wheels' part of a block; its fields are None if a momentum is unknown."""
+        found: list[Turn | None] = []
+        findings = []
+        for wheel, channel in zip(self._wheels, window.of("wheels"), strict=True):
+            turn = None
+            if not self._has_joints:  # the body's motion is known by its gyro alone
+                half_s, m = (window.stop_ns - window.start_ns) * 0.5e-9, len(t_ns)
+                offsets_ns = channel.t_ns - (window.start_ns + window.stop_ns) // 2
+                turn = wheel.along(channel, Instants(offsets_ns.tobytes(), half_s, m, m - 1))
+            turn = turn or wheel.at(channel, window.start_ns, t_ns)
+            found.append(turn)
+            if turn is None and not channel.stale:
+                text = "its samples do not agree with one another"
+                fault = Fault.WHEEL_INCONSISTENT
+                findings.append(Finding(window.stop_ns, fault, wheel.name, text))
+        known, fields = [turn for turn in found if turn is not None], None
+        if len(known) == len(found):
+            fields = {
+                CARRIED[0]: np.stack([turn.h_nms for turn in known], axis=1),
+                CARRIED[1]: np.stack([turn.hd_nm for turn in known], axis=1),
+                CARRIED[2]: np.stack([turn.covariance for turn in known]),
+            }
+        removed = sum(turn.removed for turn in known)
+        return Part(fields=fields, findings=findings, removed=removed)
 
 
 class WheelMotion:

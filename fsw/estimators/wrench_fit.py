@@ -43,7 +43,7 @@ class WrenchConditioner:
         centre_ns = (window.start_ns + window.stop_ns) // 2
         found: list[Wanted | None] = []
         for channel, sigmas, samples in zip(
-            window.wrenches, self._sigmas, self._samples, strict=True
+            window.of("wrench_sensors"), self._sigmas, self._samples, strict=True
         ):
             if channel.missing:
                 found.append(None)

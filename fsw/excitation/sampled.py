@@ -1,17 +1,19 @@
 """The noise-free samples that the devices would give along a motion, as blocks of windows."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fsw.config import Config
 from fsw.estimators.conditioning import build_conditioner
+from fsw.estimators.effects.device import Device, Driven
+from fsw.estimators.effects.registered import DEVICES
 from fsw.estimators.model.building import joint_order
 from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.rotation import rotation_from_xyzw
 from fsw.excitation import attitude
-from fsw.excitation.spline import Firing, Trajectory
+from fsw.excitation.spline import Trajectory
 from fsw.messages import Block, ChannelWindow, FloatArray, IntArray, Window
 
 Signals = Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray]]
@@ -41,7 +43,7 @@ def sampled_blocks(
 
 
 class _Windows:
-    """Noise-free samples of every sensor along a motion; the wheels are at rest."""
+    """Noise-free samples of every sensor along a motion."""
 
     def __init__(
         self, config: Config, model: RobotModel, trajectory: Trajectory, signals: Signals
@@ -52,6 +54,10 @@ class _Windows:
         count = max(int(np.ceil(trajectory.duration_s * config.imu.rate_hz)), 1)
         step_s = trajectory.duration_s / count
         w = signals(step_s * np.arange(0.5, count))[1]
+        firings: dict[str, list[tuple[float, float]]] = {}
+        for own in trajectory.firings:
+            firings.setdefault(own.thruster, []).append((own.on_s, own.for_s))
+        self._driven = Driven(wrench=self._wrench, firings=firings)
         self._R_NB, self._step_s = attitude.attitudes(w, step_s), step_s
 
     def at(self, index: int, window_ns: int) -> Window:
@@ -75,26 +81,19 @@ class _Windows:
             gyro=_channel(t_ns, w @ self._R_BS),
             accelerometer=_channel(t_ns, f @ self._R_BS),
             attitude=self._attitude(start_ns, window_ns),
-            wheels=tuple(
-                _channel(t, np.stack([0.0 * t, np.where(own.torque == "none", np.nan, 0.0 * t)], 1))
-                for own in config.wheels
-                for t in [_times(start_ns, window_ns, own.rate_hz)]
-            ),
-            thrusters=tuple(
-                _valve(_times(start_ns, window_ns, own.rate_hz), window_ns, own.name, self._firings)
-                for own in config.thrusters
-            ),
-            wrenches=tuple(
-                _channel(t, self._signals(_seconds(t))[0][:, first : first + 6])
-                for k, own in enumerate(config.wrench_sensors)
-                for t in [_times(start_ns, window_ns, own.rate_hz)]
-                for first in [len(self._own) + 6 * k]
-            ),
+            devices={kind.section: self._reports(kind, start_ns, window_ns) for kind in DEVICES},
         )
 
-    @property
-    def _firings(self) -> tuple[Firing, ...]:
-        return self._trajectory.firings
+    def _reports(self, kind: Device, start_ns: int, window_ns: int) -> tuple[ChannelWindow, ...]:
+        span_ns, found = (start_ns, start_ns + window_ns), []
+        for i, own in enumerate(getattr(self._config, kind.section)):
+            t_ns = _times(start_ns, window_ns, own.rate_hz)
+            found.append(_channel(*kind.along(own, i, t_ns, span_ns, self._driven)))
+        return tuple(found)
+
+    def _wrench(self, sensor: int, t_s: FloatArray) -> FloatArray:
+        first = len(self._own) + 6 * sensor
+        return self._signals(t_s)[0][:, first : first + 6]
 
     def _arm(
         self, start_ns: int, window_ns: int, rate_hz: float
@@ -128,18 +127,3 @@ def _seconds(t_ns: IntArray) -> FloatArray:
 
 def _channel(t_ns: IntArray, values: FloatArray) -> ChannelWindow:
     return ChannelWindow(t_ns=t_ns, values=values, missing=not len(t_ns), stale=not len(t_ns))
-
-
-def _valve(t_ns: IntArray, window_ns: int, name: str, firings: Sequence[Firing]) -> ChannelWindow:
-    """Return a valve's periodic reports and its changes, each change at its exact time."""
-    edges = [
-        (round(time_s * 1e9), state)
-        for firing in firings
-        if firing.thruster == name
-        for time_s, state in ((firing.on_s, 1.0), (firing.on_s + firing.for_s, 0.0))
-    ]
-    start_ns = t_ns[0] // window_ns * window_ns
-    own = [edge for edge in edges if start_ns <= edge[0] < start_ns + window_ns]
-    before = [(int(t), max((e for e in edges if e[0] < t), default=(0, 0.0))[1], 0.0) for t in t_ns]
-    rows = sorted([*before, *((t, state, 1.0) for t, state in own)], key=lambda row: row[0])
-    return _channel(np.array([r[0] for r in rows]), np.array([r[1:] for r in rows]))

@@ -4,7 +4,7 @@ Frames: N inertial, B spacecraft bus (base body), S sensor, E tool. `R_NB` takes
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 MAX_EVENT_TEXT = 1000  # characters
-OF_WHEELS = ("wheel_nms", "wheel_nm", "cov_wheel")
+CARRIED = ("wheel_nms", "wheel_nm", "cov_wheel")  # momentum of k parts of the base
 OF_THRUSTERS = ("edges", "opened_s")
 OF_SPEEDS = ("walk_rad2",)
-PARTS = (OF_WHEELS, OF_THRUSTERS, OF_SPEEDS)  # fields of a block; absent if the last one is empty
+PARTS = (CARRIED, OF_THRUSTERS, OF_SPEEDS)  # fields of a block; absent if the last one is empty
 MOST_EDGES = 48  # most changes of valves that a block holds
 
 
@@ -69,71 +69,31 @@ class AttitudeSamples:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class WheelSamples:
-    """Latched speeds and motor torques of reaction wheels, in order of arrival."""
+class DeviceSamples:
+    """Samples of the devices of one section of the configuration, in order of arrival."""
 
-    t_ns: IntArray  # (k,) time of validity: stamp of the SYNC that latched it, plus latch offset
-    t_receive_ns: IntArray  # (k,)
-    wheel: IntArray  # (k,) index in the configured wheel list
-    speed_rad_s: FloatArray  # (k,) relative to the base
-    torque_nm: FloatArray  # (k,) of the motor on the rotor; NaN: not usable
-
-    def __len__(self) -> int:
-        """Return the number of samples."""
-        return len(self.t_ns)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class WrenchSamples:
-    """Readings of force-torque sensors, in order of arrival."""
-
+    section: str  # a list of the configuration, see `Config.devices`
     t_ns: IntArray  # (k,) time of validity
     t_receive_ns: IntArray  # (k,)
-    sensor: IntArray  # (k,) index in the configured list of wrench sensors
-    wrench: FloatArray  # (k, 6) in axes S: force [N], moment about the origin of S [N m]
+    device: IntArray  # (k,) index in that list
+    values: FloatArray  # (k, width) as the section's module says
 
     def __len__(self) -> int:
         """Return the number of samples."""
         return len(self.t_ns)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ThrusterSamples:
-    """States of thrusters' valves at latches and at changes, in order of arrival."""
-
-    t_ns: IntArray  # (k,) time of validity
-    t_receive_ns: IntArray  # (k,)
-    thruster: IntArray  # (k,) index in the configured thruster list
-    is_open: FloatArray  # (k,) 0 or 1; NaN: a change before this time is not known
-    is_change: FloatArray  # (k,) 1 where the state changed at this time
-
-    def __len__(self) -> int:
-        """Return the number of samples."""
-        return len(self.t_ns)
-
-
-Samples = (
-    JointSamples | ImuSamples | AttitudeSamples | WheelSamples | WrenchSamples | ThrusterSamples
-)
-
-
-_S = TypeVar(
-    "_S",
-    JointSamples,
-    ImuSamples,
-    AttitudeSamples,
-    WheelSamples,
-    WrenchSamples,
-    ThrusterSamples,
-)
+Samples = JointSamples | ImuSamples | AttitudeSamples | DeviceSamples
+_S = TypeVar("_S", JointSamples, ImuSamples, AttitudeSamples, DeviceSamples)
 
 
 def joined(parts: Sequence[_S]) -> _S:
     """Return consecutive batches of one kind as one batch; `parts` must not be empty."""
     if len(parts) == 1:
         return parts[0]
-    names = [item.name for item in fields(parts[0])]
-    return type(parts[0])(*(np.concatenate([getattr(p, name) for p in parts]) for name in names))
+    names = [item.name for item in fields(parts[0]) if item.name != "section"]
+    columns: dict[str, Any] = {n: np.concatenate([getattr(p, n) for p in parts]) for n in names}
+    return replace(parts[0], **columns)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -157,9 +117,11 @@ class Window:
     gyro: ChannelWindow  # values: w_NS_S_rad_s
     accelerometer: ChannelWindow  # values: f_NS_S_m_s2
     attitude: ChannelWindow  # values: q_NB_xyzw
-    wheels: tuple[ChannelWindow, ...] = ()  # values: [speed_rad_s, torque_nm], NaN: torque unusable
-    thrusters: tuple[ChannelWindow, ...] = ()  # values: [is_open, is_change], NaN: not known
-    wrenches: tuple[ChannelWindow, ...] = ()  # values: six axes, see `WrenchSamples`
+    devices: Mapping[str, tuple[ChannelWindow, ...]] = field(default_factory=dict)  # by section
+
+    def of(self, section: str) -> tuple[ChannelWindow, ...]:
+        """Return the channels of the devices of one section of the configuration."""
+        return self.devices.get(section, ())
 
 
 def _no_wheels() -> FloatArray:

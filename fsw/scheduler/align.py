@@ -16,15 +16,13 @@ from numpy.typing import NDArray
 from fsw.config import Config
 from fsw.messages import (
     ChannelWindow,
+    DeviceSamples,
     FloatArray,
     ImuSamples,
     IntArray,
     JointSamples,
     Samples,
-    ThrusterSamples,
-    WheelSamples,
     Window,
-    WrenchSamples,
     joined,
 )
 
@@ -133,10 +131,10 @@ class Aligner:
         self._lag_ns = round(config.estimator.lag_s * 1e9)
         window_s, fill = config.estimator.window_s, config.estimator.min_fill_ratio
 
-        def channel(rate_hz: float) -> _Channel:
+        def channel(rate_hz: float, *, lasts: bool = False) -> _Channel:
             expected = rate_hz * window_s
             return _Channel(
-                min_count=max(1, int(fill * expected)),
+                min_count=1 if lasts else max(1, int(fill * expected)),
                 max_count=int(4 * expected) + 16,
                 freshness_ns=round(FRESHNESS_PERIODS / rate_hz * 1e9),
             )
@@ -147,36 +145,18 @@ class Aligner:
         self._joint_names = [joint.name for joint in config.joints[:n_joints]]
         self._gyro = _Bins(3, [channel(config.imu.rate_hz)])
         self._acc = _Bins(3, [channel(config.imu.rate_hz)])
-        wrenches = [channel(sensor.rate_hz) for sensor in config.wrench_sensors]
-        self._wrenches = _Bins(6, wrenches) if wrenches else None
-        slow = [  # one sample is enough: earlier windows show the state too
-            _Channel(
-                min_count=1,
-                max_count=int(4 * rate_hz * window_s) + 16,
-                freshness_ns=round(FRESHNESS_PERIODS / rate_hz * 1e9),
-            )
-            for rate_hz in [
-                *(w.rate_hz for w in config.wheels),
-                *(t.rate_hz for t in config.thrusters),
-            ]
-        ]
-        wheels, thrusters = slow[: len(config.wheels)], slow[len(config.wheels) :]
-        self._wheels = _Bins(2, wheels) if wheels else None
-        self._thrusters = _Bins(2, thrusters) if thrusters else None
+        self._devices = {
+            section: _Bins(own[0].width, [channel(k.rate_hz, lasts=k.lasts) for k in own])
+            for section, own in config.devices.items()
+        }
         tracker = config.star_tracker
         self._attitude = _Bins(4, [channel(tracker.rate_hz if tracker else 1.0)])
         self._t0_ns: int | None = None
         self._grid_ns: int | None = None  # start of window 0 of an earlier run that continues
         self._next = 0
-        self._pushed: dict[type[Any], list[Any]] = {}  # samples not sorted in yet, by kind
+        self._pushed: dict[object, list[Any]] = {}  # samples not sorted in yet, by kind
         self._pushed_count = 0
-        self._late = dict.fromkeys([*self._joint_names, "imu", "star_tracker"], 0)
-        if wheels:
-            self._late["wheels"] = 0
-        if thrusters:
-            self._late["thrusters"] = 0
-        if wrenches:
-            self._late["wrench_sensors"] = 0
+        self._late = dict.fromkeys([*self._joint_names, "imu", "star_tracker", *self._devices], 0)
         self._early = self._future = self._overflow = 0
         self.skipped = 0  # empty windows of gaps that were skipped
 
@@ -234,7 +214,8 @@ class Aligner:
                 self._overflow += len(samples)
                 return
             self._sort_in()
-        self._pushed.setdefault(type(samples), []).append(samples)
+        kind = samples.section if isinstance(samples, DeviceSamples) else type(samples)
+        self._pushed.setdefault(kind, []).append(samples)
         self._pushed_count += len(samples)
 
     def _sort_in(self) -> None:
@@ -263,22 +244,11 @@ class Aligner:
                     bins, _ONLY, t_ns[usable], received_ns[usable], values[usable]
                 )
             self._late["imu"] += int(late.sum())
-        elif isinstance(samples, WheelSamples):
-            if self._wheels is not None:
-                values = np.column_stack([samples.speed_rad_s, samples.torque_nm])
-                late = self._add(self._wheels, samples.wheel, samples.t_ns, received_ns, values)
-                self._late["wheels"] += int(late.sum())
-        elif isinstance(samples, WrenchSamples):
-            if self._wrenches is not None:
-                own = samples.sensor, samples.t_ns, received_ns, samples.wrench
-                self._late["wrench_sensors"] += int(self._add(self._wrenches, *own).sum())
-        elif isinstance(samples, ThrusterSamples):
-            if self._thrusters is not None:
-                values = np.column_stack([samples.is_open, samples.is_change])
-                late = self._add(
-                    self._thrusters, samples.thruster, samples.t_ns, received_ns, values
-                )
-                self._late["thrusters"] += int(late.sum())
+        elif isinstance(samples, DeviceSamples):
+            if samples.section in self._devices:
+                bins, own = self._devices[samples.section], (samples.device, samples.t_ns)
+                late = self._add(bins, *own, received_ns, samples.values)
+                self._late[samples.section] += int(late.sum())
         else:
             late = self._add(self._attitude, _ONLY, samples.t_ns, received_ns, samples.q_NB_xyzw)
             self._late["star_tracker"] += int(late.sum())
@@ -303,9 +273,8 @@ class Aligner:
 
     def _skip_gap(self, stop: int) -> None:
         """Skip empty windows before the next one with samples, all but the last MOST_EMPTY."""
-        kinds: list[_Bins | None] = [self._joints, self._gyro, self._acc, self._attitude]
-        kinds += [self._wheels, self._thrusters, self._wrenches]
-        held = [bins.first() for bins in kinds if bins is not None]
+        kinds = [self._joints, self._gyro, self._acc, self._attitude, *self._devices.values()]
+        held = [bins.first() for bins in kinds]
         filled = min((index for index in held if index is not None), default=stop)
         following = min(filled, stop) - MOST_EMPTY
         if following > self._next:
@@ -325,9 +294,7 @@ class Aligner:
             gyro=self._gyro.close(index, stop_ns)[0],
             accelerometer=self._acc.close(index, stop_ns)[0],
             attitude=self._attitude.close(index, stop_ns)[0],
-            wheels=() if self._wheels is None else self._wheels.close(index, stop_ns),
-            thrusters=() if self._thrusters is None else self._thrusters.close(index, stop_ns),
-            wrenches=() if self._wrenches is None else self._wrenches.close(index, stop_ns),
+            devices={name: bins.close(index, stop_ns) for name, bins in self._devices.items()},
         )
 
     def _deadline(self, index: int) -> int:

@@ -12,7 +12,7 @@ from fsw.drivers.sources.counters import Counters
 from fsw.drivers.sources.described_samples import DescribedSamples
 from fsw.drivers.sources.wheels import SILENT_REPORTS
 from fsw.drivers.wire import FrameArray, Reject
-from fsw.messages import WheelSamples
+from fsw.messages import DeviceSamples
 from fsw.messages.findings import Fault, Finding
 
 
@@ -54,7 +54,7 @@ class DescribedWheelSource:
         """Return (k,) which frames belong to the wheels."""
         return np.isin(frames["word"], self._samples.words)
 
-    def feed(self, frames: FrameArray) -> WheelSamples:
+    def feed(self, frames: FrameArray) -> DeviceSamples:
         """Accept frames in order, SYNCs among them, and return the samples they hold."""
         if len(frames):
             self._now_ns = int(frames["t_ns"][-1])
@@ -81,12 +81,12 @@ class DescribedWheelSource:
             self._counts[place].accepted += 1
             self._newest[place] = number
             self._values[place] = float(speed[k]), float(torque[k])
-        return WheelSamples(
+        return DeviceSamples(
+            section=self.kind,
             t_ns=(timed.t_ns - self._late_ns[wheel])[good],
             t_receive_ns=timed.done_ns[good],
-            wheel=self._indexes[wheel[good]],
-            speed_rad_s=speed[good],
-            torque_nm=torque[good],
+            device=self._indexes[wheel[good]],
+            values=np.column_stack([speed, torque])[good],
         )
 
     def findings(self) -> list[Finding]:

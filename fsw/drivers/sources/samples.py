@@ -19,12 +19,12 @@ from fsw.drivers.wire import ByteChunk, Reject
 from fsw.errors import WRONG_CONTENT
 from fsw.messages import (
     AttitudeSamples,
+    DeviceSamples,
     FloatArray,
     ImuSamples,
     IntArray,
     JointSamples,
-    WheelSamples,
-    WrenchSamples,
+    Samples,
 )
 from fsw.messages.findings import Finding
 
@@ -36,9 +36,8 @@ RATE, FORCE = "w_NS_S_rad_s", "f_NS_S_m_s2"
 QUATERNION = "q_xyzw"
 NORM_TOLERANCE = 1e-2
 NOTHING = (np.nan, np.nan, np.nan)
-Decoded = JointSamples | ImuSamples | AttitudeSamples | WheelSamples | WrenchSamples
 Row = Callable[[Mapping[str, Any]], Sequence[float]]
-Build = Callable[[IntArray, IntArray, FloatArray], Decoded]
+Build = Callable[[IntArray, IntArray, FloatArray], Samples]
 
 
 class SampleSource:
@@ -72,7 +71,7 @@ class SampleSource:
     def watch(self, now_ns: int, *, up: bool) -> None:
         """Do nothing: silence of a sensor is not judged in a recording of decoded samples."""
 
-    def feed(self, chunks: Sequence[ByteChunk]) -> Decoded:
+    def feed(self, chunks: Sequence[ByteChunk]) -> Samples:
         """Accept messages in order and return their samples."""
         stamps, rows = [], []
         for chunk in chunks:
@@ -138,17 +137,17 @@ def wheel_samples(wheels: Sequence[WheelConfig]) -> SampleSource:
     def row(message: Mapping[str, Any]) -> list[float]:
         return [float(message[SPEED].get(name, np.nan)) for name in names]
 
-    def build(t_ns: IntArray, t_receive_ns: IntArray, values: FloatArray) -> WheelSamples:
+    def build(t_ns: IntArray, t_receive_ns: IntArray, values: FloatArray) -> DeviceSamples:
         wheel, stamps = np.tile(np.arange(n), len(t_ns)), np.repeat(t_ns, n)
         speed = values.reshape(-1)
         good = np.abs(speed) <= limits[wheel]
         wheel, stamps, speed = wheel[good], stamps[good], speed[good]
-        return WheelSamples(
+        return DeviceSamples(
+            section="wheels",
             t_ns=stamps - delays_ns[wheel],
             t_receive_ns=np.repeat(t_receive_ns, n)[good],
-            wheel=wheel,
-            speed_rad_s=speed,
-            torque_nm=np.full(len(speed), np.nan),
+            device=wheel,
+            values=np.column_stack([speed, np.full(len(speed), np.nan)]),
         )
 
     return SampleSource(row, build, n)
@@ -169,14 +168,15 @@ def wrench_samples(sensors: Sequence[WrenchSensorConfig]) -> SampleSource:
                 found += [float(x), float(y), float(z)]
         return found
 
-    def build(t_ns: IntArray, t_receive_ns: IntArray, values: FloatArray) -> WrenchSamples:
+    def build(t_ns: IntArray, t_receive_ns: IntArray, values: FloatArray) -> DeviceSamples:
         sensor, stamps = np.tile(np.arange(len(names)), len(t_ns)), np.repeat(t_ns, len(names))
         wrench = values.reshape(-1, 6)
         good = (np.abs(wrench) <= limits[sensor]).all(axis=1)
         sensor, stamps, wrench = sensor[good], stamps[good], wrench[good]
         wrench = wrench * signs[sensor, None]
         received = np.repeat(t_receive_ns, len(names))[good]
-        return WrenchSamples(stamps - delays_ns[sensor], received, sensor, wrench)
+        stamps = stamps - delays_ns[sensor]
+        return DeviceSamples("wrench_sensors", stamps, received, sensor, wrench)
 
     return SampleSource(row, build, len(names))
 

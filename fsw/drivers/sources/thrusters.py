@@ -12,7 +12,7 @@ from fsw.drivers.layout.shipped import AGE_SCALE_NS, OLD, READ_THRUSTER, THRUSTE
 from fsw.drivers.sources.counters import Counters
 from fsw.drivers.sources.sync import history_of
 from fsw.drivers.wire import FrameArray, Reject
-from fsw.messages import ThrusterSamples
+from fsw.messages import DeviceSamples
 from fsw.messages.findings import Fault, Finding
 
 SILENT_REPORTS = 5.0  # a node without a report for longer than this many periods is silent
@@ -64,7 +64,7 @@ class ThrusterBusSource:
         own &= np.isin(words & ~np.uint32(canopen.NODE_MASK), OWN_SERVICES)
         return np.asarray(own, np.bool_)
 
-    def feed(self, frames: FrameArray) -> ThrusterSamples:
+    def feed(self, frames: FrameArray) -> DeviceSamples:
         """Accept frames in order, SYNCs among them, and return the states they hold."""
         words = frames["word"]
         self._now_ns = self._syncs.note(frames) or self._now_ns
@@ -105,12 +105,12 @@ class ThrusterBusSource:
             found += _states(node, latch_ns, int(t_ns[k]), *state)
         columns = np.array(found, np.float64).reshape(-1, 5)
         times = np.array([row[:2] for row in found], np.int64).reshape(-1, 2)
-        return ThrusterSamples(
+        return DeviceSamples(
+            section=self.kind,
             t_ns=times[:, 0],
             t_receive_ns=times[:, 1],
-            thruster=columns[:, 2].astype(np.int64),
-            is_open=columns[:, 3],
-            is_change=columns[:, 4],
+            device=columns[:, 2].astype(np.int64),
+            values=columns[:, 3:],
         )
 
     def findings(self) -> list[Finding]:

@@ -11,7 +11,7 @@ from fsw.drivers.layout.shipped import READ_WHEEL, READ_WHEEL_SLOW, WHEEL, WHEEL
 from fsw.drivers.sources.counters import Counters
 from fsw.drivers.sources.sync import history_of
 from fsw.drivers.wire import FrameArray, Reject
-from fsw.messages import FloatArray, IntArray, WheelSamples
+from fsw.messages import DeviceSamples, IntArray
 from fsw.messages.findings import Fault, Finding
 
 SILENT_REPORTS = 5.0  # a wheel without a report for longer than this many periods is silent
@@ -57,7 +57,7 @@ class WheelBusSource:
         own[own] = np.isin(words[own] & ~np.uint32(canopen.NODE_MASK), OWN_SERVICES)
         return np.asarray(own, np.bool_)
 
-    def feed(self, frames: FrameArray) -> WheelSamples:
+    def feed(self, frames: FrameArray) -> DeviceSamples:
         """Accept frames in order, SYNCs among them, and return the samples they hold."""
         words, data = frames["word"], frames["data"]
         self._now_ns = self._syncs.note(frames) or self._now_ns
@@ -71,7 +71,9 @@ class WheelBusSource:
         rows = np.flatnonzero((place >= 0) & (function == canopen.COB_TPDO1))
         return self._reports(frames.take(rows), rows, place[rows])
 
-    def _reports(self, frames: FrameArray, rows: NDArray[np.intp], place: IntArray) -> WheelSamples:
+    def _reports(
+        self, frames: FrameArray, rows: NDArray[np.intp], place: IntArray
+    ) -> DeviceSamples:
         t_ns, length = frames["t_ns"].astype(np.int64), frames["length"]
         speed, torque, status, counter = READ_WHEEL(frames["data"])
         index, sync_ns, _, crept = self._syncs.match(counter, rows, t_ns)
@@ -105,12 +107,12 @@ class WheelBusSource:
             self._heard_ns[place[k]] = int(sync_ns[k])
             self._newest[place[k]] = (int(sync_ns[k]), float(speed[k]), float(torque[k]))
         torque = np.where(has_torque, torque, np.nan)
-        return WheelSamples(
+        return DeviceSamples(
+            section=self.kind,
             t_ns=sync_ns[good] + self._offset_ns[place[good]],
             t_receive_ns=t_ns[good],
-            wheel=self._indexes[place[good]],
-            speed_rad_s=_kept(speed, good),
-            torque_nm=_kept(torque, good),
+            device=self._indexes[place[good]],
+            values=np.column_stack([speed, torque])[good],
         )
 
     def findings(self) -> list[Finding]:
@@ -137,7 +139,3 @@ class WheelBusSource:
                 own["temperature_degc"] = self._temperature_degc[place]
             values[config.name] = own
         return values
-
-
-def _kept(values: FloatArray, good: NDArray[np.bool_]) -> FloatArray:
-    return np.asarray(values[good], np.float64)

@@ -2,5 +2,10 @@
 
 from fsw.estimators.effects.friction import COULOMB, LOAD, VISCOUS
 from fsw.estimators.effects.motor_side import RIPPLE, ROTOR
+from fsw.estimators.effects.thrusters import THRUSTERS, switched
+from fsw.estimators.effects.wheels import WHEELS, carrier
+from fsw.estimators.effects.wrench_sensor import WRENCH_SENSORS
 
 TORQUE_EFFECTS = (VISCOUS, COULOMB, LOAD, ROTOR, RIPPLE)
+DEVICES = (WHEELS, THRUSTERS, WRENCH_SENSORS)
+__all__ = ["DEVICES", "TORQUE_EFFECTS", "carrier", "switched"]

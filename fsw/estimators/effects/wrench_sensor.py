@@ -7,9 +7,13 @@ The wrench itself is predicted with the joint torques; see `model.wrench_sensor`
 
 from collections.abc import Callable, Sequence
 
+import numpy as np
+
 from fsw.config import Config, WrenchSensorConfig
+from fsw.estimators.effects.device import Device, Driven, Samples
 from fsw.estimators.model.state_group import Setting, Spread, StateGroup
 from fsw.estimators.model.wrench_sensor import AXES, WrenchSensor
+from fsw.messages import FloatArray, IntArray
 
 
 def sensors_of(config: Config) -> tuple[WrenchSensor, ...]:
@@ -24,6 +28,19 @@ def sensors_of(config: Config) -> tuple[WrenchSensor, ...]:
         )
         for i, own in enumerate(config.wrench_sensors)
     )
+
+
+def _swinging(own: WrenchSensorConfig, t_s: FloatArray, window_s: float) -> FloatArray:
+    return np.asarray(0.1 * np.cos(t_s[:, None] / window_s + np.arange(len(own.noise))))
+
+
+def _bearing(
+    _own: WrenchSensorConfig, i: int, t_ns: IntArray, _span_ns: tuple[int, int], driven: Driven
+) -> Samples:
+    return t_ns, driven.wrench(i, np.asarray(t_ns * 1e-9, np.float64))
+
+
+WRENCH_SENSORS = Device(section="wrench_sensors", gentle=_swinging, along=_bearing)
 
 
 def _per_axis(

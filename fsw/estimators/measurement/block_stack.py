@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.estimators.effects.joint_torque import JointMotion
-from fsw.messages import Block, FloatArray
+from fsw.messages import CARRIED, PARTS, Block, FloatArray
 
 
 def covariance_root(covariance: FloatArray) -> FloatArray:
@@ -29,8 +29,9 @@ def covariance_root(covariance: FloatArray) -> FloatArray:
 def kind_of(block: Block) -> tuple[object, ...]:
     """Return a key that blocks of one stack have in common: shapes and usable channels."""
     usable = (block.has_gyro, block.has_accelerometer, block.has_attitude)
-    shapes = (block.q_rad.shape, block.cov_joint.shape, block.cov_wheel.shape)
-    return (shapes, block.has_joint.tobytes(), usable, block.edges.shape)
+    shapes = (block.q_rad.shape, block.cov_joint.shape)
+    parts = [getattr(block, names[-1]).shape for names in PARTS]
+    return (shapes, block.has_joint.tobytes(), usable, *parts)
 
 
 def stacks_of(blocks: Sequence[Block]) -> list[BlockStack]:
@@ -50,8 +51,8 @@ class BlockStack:
     cov_joint : (B, n, 2 m, 2 m) or (B, n, 3 m, 3 m)
     cov_tau : (B, t, m, m)
     cov_gyro, cov_acc : (B, 2 m, 2 m), (B, m, m)
-    wheel_nms, wheel_nm : (N, k), k wheels
-    cov_wheel : (B, k, 2 m, 2 m)
+    carried_nms, carried_nm : (N, k), momentum of k parts of the base, and its derivative
+    cov_carried : (B, k, 2 m, 2 m)
     """
 
     def __init__(self, blocks: tuple[Block, ...]) -> None:
@@ -72,8 +73,9 @@ class BlockStack:
         self.wd_NB_B_rad_s2 = _joined([block.wd_NB_B_rad_s2 for block in blocks])
         self.f_NS_B_m_s2 = _joined([block.f_NS_B_m_s2 for block in blocks])
         self.R_NB = _joined([block.R_NB for block in blocks])
-        self.wheel_nms = _joined([block.wheel_nms for block in blocks])
-        self.wheel_nm = _joined([block.wheel_nm for block in blocks])
+        self.carried_nms, self.carried_nm = (
+            _joined([getattr(block, name) for block in blocks]) for name in CARRIED[:2]
+        )
 
     @cached_property
     def cov_joint(self) -> FloatArray:
@@ -96,9 +98,9 @@ class BlockStack:
         return _stacked([block.cov_acc for block in self.blocks])
 
     @cached_property
-    def cov_wheel(self) -> FloatArray:
-        """Covariance of the wheels' momentum and its derivative."""
-        return _stacked([block.cov_wheel for block in self.blocks])
+    def cov_carried(self) -> FloatArray:
+        """Covariance of the momentum of parts of the base and its derivative."""
+        return _stacked([getattr(block, CARRIED[2]) for block in self.blocks])
 
     @cached_property
     def root_rates(self) -> FloatArray:

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fsw.estimators.effects.carried import Carried
 from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.measurement.impulse import external_force, pulled
 from fsw.estimators.measurement.mounting import gyro_turn, needs_angle_columns
 from fsw.estimators.measurement.prediction import Rate
-from fsw.estimators.measurement.wheels import Wheels
 from fsw.estimators.model.problem import Problem
 from fsw.messages import FloatArray
 
@@ -28,7 +28,7 @@ class Dynamics:
     nu: FloatArray  # (m, 6) predicted base velocity
     a: FloatArray  # (m, 6) predicted base acceleration
     force: FloatArray  # (m, t) torque
-    wheels: Wheels | None
+    carried: Carried | None
     by_angle: FloatArray | None  # (m, 6+t, n) d(generalised force)/dq, where angles are noisy
     h_by_angle: FloatArray | None  # (m, 6, n) d(base momentum)/dq
 
@@ -38,18 +38,19 @@ def dynamics(
     x: FloatArray,
     problem: Problem,
     rate: Rate,
-    given: tuple[FloatArray, FloatArray, Wheels | None],
+    given: tuple[FloatArray, FloatArray, Carried | None],
 ) -> Dynamics:
     """Evaluate the model at the nodes.
 
-    `given`: angular momentum of base and arm (N, 3) in B, gravity gradient (N, 3, 3), wheels.
+    `given`: angular momentum of base and arm (N, 3) in B, gravity gradient (N, 3, 3), and what
+    momentum is carried beside.
 
     Raises
     ------
     numpy.linalg.LinAlgError if the base's inertia is not positive definite at these parameters.
     """
     model, n, N = problem.model, s.n, len(s.q_rad)
-    L_B, G, wheels = given
+    L_B, G, carried = given
     pi = problem.pi(x)
     model.set_parameters(pi)
     q, qd = s.q_rad, s.qd_rad_s
@@ -76,9 +77,9 @@ def dynamics(
         force -= Y_field @ pi
     if pulled(problem):
         force -= external_force(s, x, problem)[0]
-    if wheels is not None:
-        force[:, 3:6] += wheels.moment(w)
-        C[:, 3:6, 3:6] += wheels.by_rate()
+    if carried is not None:
+        force[:, 3:6] += carried.moment(w)
+        C[:, 3:6, 3:6] += carried.by_rate()
     a[:, :6] = -times(inverse, force[:, :6])
     if problem.support_m_s2.any():
         held = np.concatenate([problem.support_m_s2, np.zeros(3)])
@@ -100,7 +101,7 @@ def dynamics(
         nu=nu[:, :6],
         a=a[:, :6],
         force=force[:, 6:] + times(H[:, 6:, :6], a[:, :6]),
-        wheels=wheels,
+        carried=carried,
         by_angle=by_angle,
         h_by_angle=h_by_angle,
     )

@@ -15,10 +15,10 @@ from functools import lru_cache
 import numpy as np
 from numpy.polynomial import legendre
 
+from fsw.estimators.effects.carried import Carried
 from fsw.estimators.effects.joint_torque import added, fill_columns
 from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.measurement.mrnea import Rows, field, whitened
-from fsw.estimators.measurement.wheels import Wheels, turning
 from fsw.estimators.model.problem import Problem
 from fsw.messages import Block, FloatArray
 
@@ -78,7 +78,7 @@ def stacked_energy_rows(s: BlockStack, x: FloatArray, problem: Problem) -> list[
         G = field(s, problem)
         by_pi = (nu[:, None] @ model.field_regressors(s.q_rad, G)[:, : 6 + n])[:, 0]
         P, J_P[:, k] = by_pi @ pi, by_pi @ problem.U
-    moved = np.zeros((B * m, n))  # joint torque that the wheels' moment is equivalent to
+    moved = np.zeros((B * m, n))  # joint torque that the carried momentum's is equivalent to
     if turned is not None:
         T, P = T + turned.energy_j, P - np.einsum("ij,ij->i", nu[:, 3:6], turned.hd_nm)
         turned.fill_columns(J_T, J_P, nu, Y[:, :6] @ problem.U, k)
@@ -95,22 +95,22 @@ def stacked_energy_rows(s: BlockStack, x: FloatArray, problem: Problem) -> list[
     power = np.einsum("ij,ij->i", tau, s.qd_rad_s) + P
     residual = (work @ s.by_block(power)[:, :, None])[:, :, 0] + s.by_block(T) @ slope.T
     S = _covariance(s, work, slope, tau - moved, p_qd)
-    if turned is not None and turned.wheels is not None:
-        S += turned.covariance(s, work, slope, nu, turned.wheels)
+    if turned is not None and turned.carried is not None:
+        S += turned.covariance(s, work, slope, nu, turned.carried)
     L = np.linalg.cholesky(S)
     return [Rows(*whitened(*parts)) for parts in zip(L, J, residual, strict=True)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Turned:
-    """Share of the wheels, and of a residual momentum, in the balance.
+    """Share of carried momentum, and of a residual one, in the balance.
 
     Base and arm have the momentum p = L - h, so T = 1/2 qd^T Hhat qd + 1/2 p^T H_bb^-1 p, and the
-    wheels take the power w^T d/dt h from them.
+    what carries h takes the power w^T d/dt h from them.
     """
 
-    wheels: Wheels | None
-    hd_nm: FloatArray  # (N, 3) d/dt h; zero without wheels
+    carried: Carried | None
+    hd_nm: FloatArray  # (N, 3) d/dt h; zero if none is carried
     inverse: FloatArray  # (N, 6, 6) of H_bb
     by_momentum: FloatArray  # (N, 6) base velocity H_bb^-1 [0; p]
     energy_j: FloatArray  # (N,)
@@ -126,31 +126,31 @@ class _Turned:
         back = np.einsum("ij,ijk->ik", hd, self.inverse[:, 3:])  # d(w hd)/d(base momentum)
         J_P[:, k] += np.einsum("ij,ijk->ik", back, Y_h)
         J_P -= np.einsum("ij,ijk->ik", back[:, 3:], self.J_p)
-        if self.wheels is not None:
-            J_P -= np.einsum("ij,ijk->ik", w, self.wheels.J_hd)
+        if self.carried is not None:
+            J_P -= np.einsum("ij,ijk->ik", w, self.carried.J_hd)
 
     def covariance(
-        self, s: BlockStack, work: FloatArray, slope: FloatArray, nu: FloatArray, wheels: Wheels
+        self, s: BlockStack, work: FloatArray, slope: FloatArray, nu: FloatArray, carried: Carried
     ) -> FloatArray:
-        """Return the balances' covariance (B, m - 2, m - 2) by noise of the wheels' momenta."""
+        """Return the balances' covariance (B, m - 2, m - 2) by noise of the momenta."""
         back = np.einsum("ij,ijk->ik", self.hd_nm, self.inverse[:, 3:, 3:])
-        axes = wheels.axes
+        axes = carried.axes
         by_h = np.einsum("brm,bmj->bjrm", work, s.by_block(back @ axes))
         by_h -= np.einsum("rm,bmj->bjrm", slope, s.by_block(self.by_momentum[:, 3:] @ axes))
         by_hd = -np.einsum("brm,bmj->bjrm", work, s.by_block(nu[:, 3:6] @ axes))
         by = np.concatenate([by_h, by_hd], axis=3)
-        covariance: FloatArray = np.sum(by @ s.cov_wheel @ by.transpose(0, 1, 3, 2), axis=1)
+        covariance: FloatArray = np.sum(by @ s.cov_carried @ by.transpose(0, 1, 3, 2), axis=1)
         return covariance
 
 
 def _turned(s: BlockStack, x: FloatArray, problem: Problem, H_bb: FloatArray) -> _Turned | None:
-    """Return the share of wheels and momentum at the nodes; None if there is neither."""
-    wheels = turning(s, x, problem)
-    if wheels is None and not problem.has("momentum"):
+    """Return the share of carried and residual momentum at the nodes; None if there is neither."""
+    carried = problem.carrier(s, x)
+    if carried is None and not problem.has("momentum"):
         return None
     p, hd_nm, J_p = *np.zeros((2, len(s.q_rad), 3)), np.zeros((len(s.q_rad), 3, len(x)))
-    if wheels is not None:
-        p, hd_nm, J_p = -wheels.h_nms, wheels.hd_nm, -wheels.J_h
+    if carried is not None:
+        p, hd_nm, J_p = -carried.h_nms, carried.hd_nm, -carried.J_h
     if problem.has("momentum"):
         R_BN = s.R_NB.transpose(0, 2, 1)
         p = p + R_BN @ x[problem.at("momentum")]
@@ -158,7 +158,7 @@ def _turned(s: BlockStack, x: FloatArray, problem: Problem, H_bb: FloatArray) ->
     inverse = np.asarray(np.linalg.solve(H_bb, np.eye(6)), np.float64)
     by_momentum = (inverse[:, :, 3:] @ p[:, :, None])[:, :, 0]
     energy_j = 0.5 * np.einsum("ij,ij->i", by_momentum[:, 3:], p)
-    return _Turned(wheels, hd_nm, inverse, by_momentum, energy_j, J_p)
+    return _Turned(carried, hd_nm, inverse, by_momentum, energy_j, J_p)
 
 
 def _covariance(

@@ -24,7 +24,7 @@ from fsw.estimators.effects.joint_torque import added, fill_columns
 from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.measurement.continuity import Joined
 from fsw.estimators.measurement.dynamics import dynamics, times
-from fsw.estimators.measurement.gains import angle_gain, by_place, state_gains, wheel_gain
+from fsw.estimators.measurement.gains import angle_gain, by_place, carried_gain, state_gains
 from fsw.estimators.measurement.impulse import (
     Impulse,
     momentum_at_nodes,
@@ -42,7 +42,6 @@ from fsw.estimators.measurement.mounting import (
 )
 from fsw.estimators.measurement.mrnea import Rows, field
 from fsw.estimators.measurement.prediction import CHANNELS, Prediction, Rate
-from fsw.estimators.measurement.wheels import turning
 from fsw.estimators.model.inertia import skew
 from fsw.estimators.model.problem import Problem
 from fsw.messages import Block, FloatArray
@@ -67,11 +66,11 @@ def predict(
         at = _ideal(s, x, problem, rate, before)
     else:
         at = released(s, x, problem, rate, before, _ideal)
-    D, D_q, D_wheel, D_start = at.D, at.D_q, at.D_wheel, at.D_start
+    D, D_q, D_carried, D_start = at.D, at.D_q, at.D_carried, at.D_start
     tau, f, w = at.tau, at.f, at.w
     D_w, J = D[:, : t + 3, n : n + 3], D[:, :, 2 * n + 3 :]
     single = [gains for gains in (D, D_q, D_start) if gains is not None]
-    every = [*single, *(() if D_wheel is None else D_wheel)]
+    every = [*single, *(() if D_carried is None else D_carried)]
     if any(problem.has(group) for group in ("imu_angle", "gyro_scale", "gyro_axes")):
         f, w = _as_read((f, w), D, every, x, problem, rate)
     if problem.torque_terms:
@@ -116,7 +115,7 @@ def predict(
         D_qd=D[:, :, n + 3 : 2 * n + 3],
         D_w=D_w,
         D_q=D_q if problem.angles_are_noisy and s.has_angles else None,
-        D_wheel=D_wheel,
+        D_carried=D_carried,
         after=at.each[-1],
         each=at.each,
         D_start=D_start,
@@ -131,11 +130,11 @@ def _ideal(
     n, r = s.n, problem.place_m(x)
     G = field(s, problem)
     L_B, J_L, after = _momentum(s, x, problem, G, before)
-    wheels = turning(s, x, problem)
-    if wheels is not None:  # base and arm have the momentum less the wheels' share
-        L_B = L_B - wheels.h_nms
-        J_L = -wheels.J_h if J_L is None else J_L - wheels.J_h
-    d = dynamics(s, x, problem, rate, (L_B, G, wheels))
+    carried = problem.carrier(s, x)
+    if carried is not None:  # base and arm have the momentum less what is carried
+        L_B = L_B - carried.h_nms
+        J_L = -carried.J_h if J_L is None else J_L - carried.J_h
+    d = dynamics(s, x, problem, rate, (L_B, G, carried))
     w, lever = d.nu[:, 3:], np.concatenate([np.eye(3), -skew(r)], axis=1)
     f = d.a @ lever.T + w * (w @ r)[:, None] - np.sum(w * w, axis=1)[:, None] * r - G @ r
     D = state_gains(s, x, problem, d, J_L, r)
@@ -143,8 +142,8 @@ def _ideal(
     D_w = D[:, : t + 3, n : n + 3]
     if problem.has("imu_place"):
         D[:, t : t + 3, 2 * n + 3 :][:, :, problem.at("imu_place")] += by_place(d.a[:, 3:], w) - G
-    D_q, D_wheel = angle_gain(d, D_w, r, rate), wheel_gain(d, D_w, r, rate)
-    return Channels(d.force, f, w, D, D_q, D_wheel, after)
+    D_q, D_carried = angle_gain(d, D_w, r, rate), carried_gain(d, D_w, r, rate)
+    return Channels(d.force, f, w, D, D_q, D_carried, after)
 
 
 def _as_read(

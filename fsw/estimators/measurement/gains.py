@@ -33,8 +33,8 @@ def state_gains(
     by_state[:, :, problem.inertial] = d.Y
     if pulled(problem):
         by_state -= external_force(s, x, problem)[1]
-    if d.wheels is not None:
-        by_state[:, 3:6] += d.wheels.by_state(w)
+    if d.carried is not None:
+        by_state[:, 3:6] += d.carried.by_state(w)
     base = -(d.H_bb_inverse @ direct[:, :6])
     D = np.empty((len(w), t + 6, direct.shape[2]))
     D[:, :t] = direct[:, 6:] + d.H[:, 6:, :6] @ base
@@ -81,16 +81,16 @@ def angle_gain(d: Dynamics, D_w: FloatArray, r: FloatArray, rate: Rate) -> Float
     return np.concatenate([direct + D_w @ w_q, w_q], axis=1)
 
 
-def wheel_gain(d: Dynamics, D_w: FloatArray, r: FloatArray, rate: Rate) -> FloatArray | None:
-    """Return d[tau; f; w]/d[h, d/dt h] (2, m, t + 6, k) of the wheels; None without wheels."""
-    if d.wheels is None:
+def carried_gain(d: Dynamics, D_w: FloatArray, r: FloatArray, rate: Rate) -> FloatArray | None:
+    """Return d[tau; f; w]/d[h, d/dt h] (2, m, t + 6, k) that are carried; None if none is."""
+    if d.carried is None:
         return None
     lever = np.concatenate([np.eye(3), -skew(r)], axis=1)
     t, w = d.force.shape[1], d.nu[:, 3:]
-    base = -(d.H_bb_inverse[:, :, 3:] @ d.wheels.by_motion(w))
+    base = -(d.H_bb_inverse[:, :, 3:] @ d.carried.by_motion(w))
     D = np.zeros((*base.shape[:2], t + 6, base.shape[3]))
     D[:, :, :t], D[:, :, t : t + 3] = d.H[:, 6:, :6] @ base, lever @ base
     if rate == "momentum":
-        D[0, :, t + 3 :] = -(d.H_bb_inverse[:, 3:, 3:] @ d.wheels.axes)
+        D[0, :, t + 3 :] = -(d.H_bb_inverse[:, 3:, 3:] @ d.carried.axes)
         D[0, :, : t + 3] += D_w @ D[0, :, t + 3 :]
     return D

@@ -1,4 +1,4 @@
-"""External moments that change the angular momentum: gravity gradient, wrenches and thrusters.
+"""External moments that change the angular momentum: gravity gradient, wrenches, switched forces.
 
 The gyro channel depends on the momentum, so a moment acts on it through its integral. The integral
 is carried from block to block by Gauss quadrature over the nodes, with its exact Jacobian.
@@ -11,7 +11,6 @@ from typing import Self
 import numpy as np
 from numpy.polynomial import legendre
 
-from fsw.estimators.measurement import thrust
 from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.model.inertia import cross, skew
 from fsw.estimators.model.problem import Problem
@@ -30,7 +29,7 @@ class Impulse:
     L_Nms: FloatArray  # (3,)
     J: FloatArray  # (3, p) its derivative by the state
     x: FloatArray  # (p,) the state it was evaluated at
-    fired_s: FloatArray | float = 0.0  # (K,) integral of the thrusters' shares up to then
+    fired_s: FloatArray | float = 0.0  # (K,) integral of the switched forces' shares up to then
     modes: FloatArray = field(default_factory=_nothing)  # (2 c,) coordinates, then rates
     J_modes: FloatArray = field(default_factory=_nothing)  # (2 c, p)
     doubt: FloatArray = field(default_factory=_nothing)  # (2 c,) variance beside the state's
@@ -84,8 +83,8 @@ def needed(problem: Problem) -> bool:
 
 
 def pulled(problem: Problem) -> bool:
-    """Return whether there are thrusters, or an external wrench is estimated."""
-    return problem.has("wrench") or problem.has("target_wrench") or len(problem.thrusters) > 0
+    """Return whether there are switched forces, or an external wrench is estimated."""
+    return problem.has("wrench") or problem.has("target_wrench") or len(problem.switched) > 0
 
 
 def momentum_at_nodes(
@@ -110,15 +109,15 @@ def momentum_at_nodes(
     J_L = J0 + half_s * np.einsum("ij,jkp->ikp", cumulative, J)
     L_end, J_end = L0 + half_s * weights @ T, J0 + half_s * np.einsum("j,jkp->kp", weights, J)
     fired_s: FloatArray | float = 0.0
-    if len(problem.thrusters):
-        fired = thrust.profile(block, x, problem)
-        by_gap = np.zeros((3, 1, len(problem.thrusters)))
+    if len(problem.switched):
+        fired = problem.switched.profile(block, x)
+        by_gap = np.zeros((3, 1, len(problem.switched)))
         if gap_s > 0.0:
             by_gap[0] = fired.before_s - before.fired_s
-        dL, dJ = _about(centres, block, problem, *thrust.wrench(fired.U_s + by_gap, x, problem))
+        dL, dJ = _about(centres, block, problem, *problem.switched.wrench(fired.U_s + by_gap, x))
         L, J_L = L + dL, J_L + dJ
         gained = np.repeat(by_gap + fired.whole_s[:, None], len(T), axis=1)
-        dL, dJ = _about(centres, block, problem, *thrust.wrench(gained, x, problem))
+        dL, dJ = _about(centres, block, problem, *problem.switched.wrench(gained, x))
         L_end, J_end = L_end + dL.mean(axis=0), J_end + dJ.mean(axis=0)
         fired_s = fired.before_s + fired.whole_s[0]
     return L, J_L, Impulse(stop_ns, L_end, J_end, x, fired_s)
@@ -127,7 +126,7 @@ def momentum_at_nodes(
 def _wrench(
     block: Block, x: FloatArray, problem: Problem, G: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return external force and moment in B (m, 6) without the thrusters', and d/dx (m, 6, p)."""
+    """Return external force and moment in B (m, 6) without switched forces, and d/dx (m, 6, p)."""
     m, model = len(block.t_ns), problem.model
     pi = problem.pi(x)
     W, J = np.zeros((m, 6)), np.zeros((m, 6, len(x)))
@@ -179,13 +178,13 @@ def external_force(
     """Return the generalised force of all wrenches at the nodes (m, R), and d/dx.
 
     Rows: as `RobotModel`, those of the base about its origin in base axes; the Jacobian is
-    (m, R, p). See `constant_force` and, for the thrusters, `thrust`.
+    (m, R, p). See `constant_force` and `Switched`.
     """
     value, J = constant_force(block, x, problem)
-    if len(problem.thrusters):
+    if len(problem.switched):
         blocks = block.blocks if isinstance(block, BlockStack) else (block,)
-        u = np.concatenate([thrust.profile(own, x, problem).u for own in blocks], axis=1)
-        own, by_state = thrust.wrench(u, x, problem)
+        u = np.concatenate([problem.switched.profile(own, x).u for own in blocks], axis=1)
+        own, by_state = problem.switched.wrench(u, x)
         value[:, :6] += own
         J[:, :6] += by_state
     return value, J

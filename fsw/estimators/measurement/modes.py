@@ -42,7 +42,7 @@ class Channels:
     w: FloatArray  # (N, 3)
     D: FloatArray  # (N, t + 6, 2 n + 3 + p): d[tau; f; w]/d[qdd, w, qd, x]
     D_q: FloatArray | None  # (N, t + 6, n)
-    D_wheel: FloatArray | None  # (2, N, t + 6, k)
+    D_carried: FloatArray | None  # (2, N, t + 6, k)
     each: tuple[Impulse | None, ...]  # momentum, and modes, at the end of each block
     D_start: FloatArray | None = None  # (N, t + 6, 2 c): by the modes at the block's start
     doubt: FloatArray | None = None  # (B, 2 c) variances of these modes beside the state's
@@ -68,14 +68,14 @@ def released(
         before = parts[-1].each[0]
     if len(parts) == 1:
         return parts[0]
-    D_wheel = [part.D_wheel for part in parts if part.D_wheel is not None]
+    D_carried = [part.D_carried for part in parts if part.D_carried is not None]
     return Channels(
         tau=np.concatenate([part.tau for part in parts]),
         f=np.concatenate([part.f for part in parts]),
         w=np.concatenate([part.w for part in parts]),
         D=np.concatenate([part.D for part in parts]),
         D_q=np.concatenate([part.D_q for part in parts if part.D_q is not None]),
-        D_wheel=np.concatenate(D_wheel, axis=1) if D_wheel else None,
+        D_carried=np.concatenate(D_carried, axis=1) if D_carried else None,
         each=tuple(part.each[0] for part in parts),
         D_start=np.concatenate([part.D_start for part in parts if part.D_start is not None]),
         doubt=np.concatenate([part.doubt for part in parts if part.doubt is not None]),
@@ -173,9 +173,9 @@ def _window(
     J = at.D[:, keep, last:] + total[:, :, 1 + 2 * c :] + D_start @ J_start
     D = at.D[:, keep] - by_z @ np.linalg.solve(s.inertia, at.D[:, own])  # eta and v held
     D_q = s.by_q[:, keep, :n] - by_z @ np.linalg.solve(s.inertia, s.by_q[:, own, :n])
-    D_wheel = at.D_wheel
-    if D_wheel is not None:
-        D_wheel = D_wheel[:, :, keep] - by_z @ np.linalg.solve(s.inertia, D_wheel[:, :, own])
+    D_carried = at.D_carried
+    if D_carried is not None:
+        D_carried = D_carried[:, :, keep] - by_z @ np.linalg.solve(s.inertia, D_carried[:, :, own])
     if problem.has("joint_zero"):  # `predict` adds D_q, as without modes
         J[:, :, problem.at("joint_zero")] += s.by_q[:, keep, :n] - D_q
     given = np.concatenate([at.tau, at.f, at.w], axis=1)[:, keep] + total[:, :, 0]
@@ -199,7 +199,7 @@ def _window(
         w=given[:, t + 3 :],
         D=np.concatenate([D[:, :, :n], D[:, :, n + c : last - c], J], axis=2),
         D_q=D_q,
-        D_wheel=D_wheel,
+        D_carried=D_carried,
         each=(carried,),
         D_start=D_start,
         doubt=doubt[None],

@@ -34,9 +34,9 @@ def residual_covariance(
     orders = len(D)
     joint = s.cov_joint.reshape(B, n, -1, m, s.cov_joint.shape[2] // m, m)
     S += through(s, D, joint[:, :, :orders, :, :orders]).reshape(B, size, size)
-    if prediction.D_wheel is not None:
-        D_h, k = prediction.D_wheel[:, :, use], s.cov_wheel.shape[1]
-        S += through(s, D_h, s.cov_wheel.reshape(B, k, 2, m, 2, m)).reshape(B, size, size)
+    if prediction.D_carried is not None:
+        D_h, k = prediction.D_carried[:, :, use], s.cov_carried.shape[1]
+        S += through(s, D_h, s.cov_carried.reshape(B, k, 2, m, 2, m)).reshape(B, size, size)
     if prediction.D_start is not None and prediction.doubt is not None and prediction.doubt.any():
         D_e = prediction.D_start[:, use].reshape(B, size, -1)
         S += (D_e * prediction.doubt[:, None]) @ D_e.transpose(0, 2, 1)

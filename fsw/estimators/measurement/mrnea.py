@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrs, dtrtrs
 
+from fsw.estimators.effects.carried import Carried
 from fsw.estimators.effects.joint_torque import Added, added, fill_columns
 from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.measurement.impulse import Impulse, external_force, pulled
@@ -24,7 +25,6 @@ from fsw.estimators.measurement.mounting import (
     needs_angle_columns,
     turn,
 )
-from fsw.estimators.measurement.wheels import Wheels, turning
 from fsw.estimators.model.inertia import cross, skew
 from fsw.estimators.model.problem import Problem
 from fsw.messages import Block, FloatArray
@@ -141,7 +141,7 @@ def stacked_mrnea_rows(
     outside = external_force(s, x, problem) if pulled(problem) else None
     if outside is not None:
         r += outside[0]
-    wheels = _take_off_wheels(r, C, s, x, problem, w)
+    carried = _take_off_carried(r, C, s, x, problem, w)
     D_w = skew(cross(w, r_S)) + skew(w) @ skew(r_S)
     G_w = C[:, :, 3:6] + H[:, :, :3] @ D_w
     G_wd = H[:, :, 3:6] + H[:, :, :3] @ skew(r_S)
@@ -152,7 +152,7 @@ def stacked_mrnea_rows(
     else:
         gains = _input_gains(s, H, C, G_w, G_wd)
         L = np.linalg.cholesky(
-            gains @ gains.transpose(0, 2, 1) + _output_covariance(s, problem, w, wheels)
+            gains @ gains.transpose(0, 2, 1) + _output_covariance(s, problem, w, carried)
         )
     if weighting == "eiv":
         weighted = np.array(
@@ -171,8 +171,8 @@ def stacked_mrnea_rows(
         fill_angle_columns(X, (D_q, C[:, :, 6:], H[:, :, 6:]), s, x, problem)
     if outside is not None:
         X -= outside[1]
-    if wheels is not None:
-        X[:, 3:6] += wheels.by_state(w)
+    if carried is not None:
+        X[:, 3:6] += carried.by_state(w)
     X = X.reshape(B, residuals.shape[1], len(x))
     return [
         Rows(*whitened(root, columns, own))
@@ -189,15 +189,15 @@ def _by_angle(
     return D_q
 
 
-def _take_off_wheels(
+def _take_off_carried(
     r: FloatArray, C: FloatArray, s: BlockStack, x: FloatArray, problem: Problem, w: FloatArray
-) -> Wheels | None:
-    """Subtract the wheels' moment from r, add its derivative to C; return the wheels, or None."""
-    wheels = turning(s, x, problem)
-    if wheels is not None:
-        r[:, 3:6] -= wheels.moment(w)
-        C[:, 3:6, 3:6] += wheels.by_rate()
-    return wheels
+) -> Carried | None:
+    """Subtract the moment of carried momentum from r, add its derivative to C; return it."""
+    carried = problem.carrier(s, x)
+    if carried is not None:
+        r[:, 3:6] -= carried.moment(w)
+        C[:, 3:6, 3:6] += carried.by_rate()
+    return carried
 
 
 def _calibrated(s: BlockStack, x: FloatArray, problem: Problem) -> tuple[FloatArray, FloatArray]:
@@ -294,7 +294,7 @@ def _input_gains(
 
 
 def _output_covariance(
-    s: BlockStack, problem: Problem, w: FloatArray, wheels: Wheels | None
+    s: BlockStack, problem: Problem, w: FloatArray, carried: Carried | None
 ) -> FloatArray:
     m, n, B = s.m, s.n, len(s.blocks)
     S = np.zeros((B, m, 6 + n, m, 6 + n))
@@ -303,9 +303,9 @@ def _output_covariance(
         S[:, i, row, i, row] = problem.wrench_sigma[row] ** 2
     for j in range(n):
         S[:, :, 6 + j, :, 6 + j] = s.cov_tau[:, j]
-    if wheels is not None:
-        own = s.cov_wheel.reshape(B, -1, 2, m, 2, m)
-        S[:, :, 3:6, :, 3:6] += through(s, wheels.by_motion(w), own)
+    if carried is not None:
+        own = s.cov_carried.reshape(B, -1, 2, m, 2, m)
+        S[:, :, 3:6, :, 3:6] += through(s, carried.by_motion(w), own)
     return S.reshape(B, m * (6 + n), m * (6 + n))
 
 

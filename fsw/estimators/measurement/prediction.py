@@ -28,7 +28,7 @@ class Prediction:
     D_qd: FloatArray  # (m, t + 6, n): d[tau; f; w]/d qd
     D_w: FloatArray  # (m, t + 3, 3): d[tau; f]/dw
     D_q: FloatArray | None  # (m, t + 6, n): d[tau; f; w]/dq where angles are noisy
-    D_wheel: FloatArray | None  # (2, m, t + 6, k): d[tau; f; w]/d[h, d/dt h] of k wheels
+    D_carried: FloatArray | None  # (2, m, t + 6, k): d[tau; f; w]/d[h, d/dt h], k are carried
     after: Impulse | None  # momentum gained up to the end
     each: tuple[Impulse | None, ...]  # momentum gained up to the end of each block
     D_start: FloatArray | None = None  # (m, t + 6, 2 c): by c modes at their block's start

@@ -15,7 +15,6 @@ from fsw.estimators.measurement.impulse import Impulse
 from fsw.estimators.measurement.mrnea import Rows, stacked_mrnea_rows
 from fsw.estimators.measurement.prediction import CHANNELS, Rate
 from fsw.estimators.model.problem import Problem, Watched
-from fsw.estimators.valves import changes
 from fsw.messages import Block, FloatArray
 
 MOST_BLOCKS = 512  # whose rows are in memory at once: 3 min at 0.4 s, some 100 MB
@@ -151,14 +150,14 @@ class _Fused(RowsFunction):
     def stacked(self, s: BlockStack, x: FloatArray, before: Impulse | None = None) -> list[Rows]:
         """Return the rows; if the method sets no rate, the gyro's is used where there is one.
 
-        An estimated momentum is constant in inertial axes, and the thrusters' impulses are summed
-        in these axes. A block without attitude therefore shows nothing of the momentum; its torque
-        and specific force are predicted from the measured rate.
+        An estimated momentum is constant in inertial axes, and impulses of switched forces are
+        summed in these axes. A block without attitude therefore shows nothing of the momentum; its
+        torque and specific force are predicted from the measured rate.
         """
         problem, channels = self._problem, self._channels
         by_gyro = s.has_gyro and problem.is_free
         rate: Rate = self._rate or ("measured" if by_gyro else "momentum")
-        adds_up = problem.has("momentum") or len(problem.thrusters) > 0
+        adds_up = problem.has("momentum") or len(problem.switched) > 0
         adds_up |= problem.watches_outside
         if adds_up and not s.has_attitude:
             rate = "measured"
@@ -194,7 +193,7 @@ class _Mrnea(RowsFunction):
         self._otherwise = _Fused(problem, ("torque",), None)
 
     def stacked(self, s: BlockStack, x: FloatArray, before: Impulse | None = None) -> list[Rows]:
-        """Return the rows; RDA's where a thrust changes, because rates are then no polynomials."""
+        """Return the rows; RDA's where a force changes, because rates are then no polynomials."""
         found: list[Rows] = []
         for fires, group in groupby(s.blocks, self._fires):
             own = tuple(group)
@@ -207,8 +206,7 @@ class _Mrnea(RowsFunction):
         return found
 
     def _fires(self, block: Block) -> bool:
-        thrusters, start_s = self._problem.thrusters, -0.5 * self._problem.window_s
-        return len(thrusters) > 0 and changes(block.edges, thrusters.tail_s, start_s)
+        return self._problem.switched.changes(block)
 
 
 class _Energy(RowsFunction):
@@ -250,6 +248,6 @@ def row_function(method: str, weighting: str, problem: Problem) -> RowsFunction:
     }
     if method not in functions:
         raise EstimatorError(f"method {method!r} is not one of {', '.join(functions)}")
-    if method == "ce" and len(problem.thrusters):
+    if method == "ce" and len(problem.switched):
         raise EstimatorError("method 'ce' cannot take thrusters: they work on the whole's motion")
     return functions[method]

@@ -11,7 +11,7 @@ from pydantic import BaseModel
 from fsw.config import BaseConfig, BodyConfig, Config, JointConfig
 from fsw.errors import ConfigError
 from fsw.estimators.effects.joint_torque import terms_of
-from fsw.estimators.effects.registered import TORQUE_EFFECTS
+from fsw.estimators.effects.registered import TORQUE_EFFECTS, carrier, switched
 from fsw.estimators.effects.wrench_sensor import sensors_of
 from fsw.estimators.fading_noise import covariance_at_nodes
 from fsw.estimators.model.calibration import known_bodies
@@ -23,7 +23,7 @@ from fsw.estimators.model.inertia import (
 )
 from fsw.estimators.model.modes import with_modes
 from fsw.estimators.model.orbit import CircularOrbit
-from fsw.estimators.model.problem import Problem, Thrusters, Watched
+from fsw.estimators.model.problem import Problem, Watched
 from fsw.estimators.model.robot import Hold, RobotModel
 from fsw.estimators.model.state_group import Setting
 from fsw.estimators.model.state_groups import GROUPS
@@ -301,9 +301,9 @@ def _problem_of(config: Config, model: RobotModel, exact: bool, blocks: Sequence
         prior_mean=np.concatenate(means),
         prior_covariance=prior_covariance,
         places=places,
-        wheel_axes=np.array([wheel.axis_B for wheel in config.wheels]).reshape(-1, 3).T,
+        carrier=carrier(config, places),
         walks=walks if "joint_walk" in places else None,
-        thrusters=Thrusters.of(config),
+        switched=switched(config, places),
         torque_terms=terms_of(TORQUE_EFFECTS, setting, places),
         of_current=np.array([joint.torque == "motor_current" for joint in joints], np.bool_),
         target_com_m=np.array(

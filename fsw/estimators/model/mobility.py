@@ -11,7 +11,7 @@ Source: the elimination of the base acceleration, paper eqs. (22)-(23); covarian
 Gaussian as in Julier, Uhlmann, Proc. IEEE 92 (2004), here from many fixed draws. Only the base's
 ten states are drawn: given these, the others are linear, and their share is in closed form.
 
-Where the force of thrusters is a state too, the Gaussian in pi is left as it is: mass and moments
+Where a switched force is a state too, the Gaussian in pi is left as it is: mass and moments
 are then proportional to the scale of that force, and the likelihood is Gaussian in pi.
 """
 
@@ -65,7 +65,7 @@ class Mapped:
 def is_bent(problem: Problem, method: str) -> bool:
     """Return whether a method's likelihood is Gaussian in the base's mobility instead of in pi."""
     torque = method in TORQUE and "base" in problem.unknown
-    return torque and not problem.has("thrust_scale")
+    return torque and problem.switched.is_exact
 
 
 def to_mobility(pi: FloatArray) -> FloatArray:

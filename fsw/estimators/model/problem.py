@@ -14,9 +14,10 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw.config import Config
 from fsw.config.joints import linear
+from fsw.estimators.effects.carried import Carrier
 from fsw.estimators.effects.joint_torque import TorqueTerm
+from fsw.estimators.effects.switched import Switched
 from fsw.estimators.model.inertia import (
     PARAMETERS,
     consistent_state,
@@ -35,7 +36,6 @@ NO_STATES = slice(0, 0)
 MODE_REACH = 3.0  # sigmas of a mode's prior within which its states are kept
 IMPLAUSIBLE = 10.0  # sigmas from its prior at which a value of arm or calibration contradicts it
 CONSPICUOUS = 4.0  # sigmas from its prior at which such a value is named
-TAIL_RISES = 10.0  # rise times after which a force counts as settled
 IndexArray = NDArray[np.intp]
 
 
@@ -51,35 +51,6 @@ def _judged(group: StateGroup) -> bool:
 def _where(names: tuple[str, ...], first: int, holds: Callable[[StateGroup], bool]) -> IndexArray:
     groups = [group_of(name) for name in names]
     return np.array([first + k for k, own in enumerate(groups) if own and holds(own)], np.intp)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Thrusters:
-    """Configured forces, delays and rise times of K thrusters."""
-
-    ways: FloatArray  # (6, K) nominal force [N], moment about the base's origin [N m], in B
-    delay_s: FloatArray  # (K,)
-    rise_s: FloatArray
-
-    def __len__(self) -> int:
-        """Return the number of thrusters."""
-        return len(self.delay_s)
-
-    @property
-    def tail_s(self) -> FloatArray:
-        """Return the time (K,) from a change of the valve to the settled force [s]."""
-        tail_s: FloatArray = self.delay_s + TAIL_RISES * self.rise_s
-        return tail_s
-
-    @staticmethod
-    def of(config: Config) -> Thrusters:
-        """Return the thrusters of a configuration."""
-        own = config.thrusters
-        force = np.array([t.force_n * np.array(t.direction_B) for t in own]).reshape(-1, 3)
-        place = np.array([t.p_B_m for t in own]).reshape(-1, 3)
-        ways = np.concatenate([force, np.cross(place, force)], axis=1).T
-        times = np.array([(t.delay_s, t.rise_s) for t in own]).reshape(-1, 2)
-        return Thrusters(ways, times[:, 0], times[:, 1])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,8 +79,8 @@ class Problem:
     prior_mean: FloatArray
     prior_covariance: FloatArray
     places: Mapping[str, slice]  # of each group of states that is present
-    wheel_axes: FloatArray  # (3, k) of the reaction wheels, in B
-    thrusters: Thrusters
+    carrier: Carrier  # of momentum in the base
+    switched: Switched  # forces on the base
     torque_terms: tuple[TorqueTerm, ...]  # torques besides that of the rigid bodies
     of_current: NDArray[np.bool_]  # (n,) whether a joint's torque is that of its motor's current
     target_com_m: FloatArray  # (3,) in E: where the target's wrench acts on a known target

@@ -188,8 +188,10 @@ def _windows(channels: Channels, window_s: float, rate_hz: float) -> Iterator[Wi
             gyro=channel(channels.w_NS_S_rad_s),
             accelerometer=channel(channels.f_NS_S_m_s2),
             attitude=channel(q_xyzw),
-            wheels=tuple(_within(own, start_ns, stop_ns) for own in channels.wheels),
-            thrusters=tuple(_within(own, start_ns, stop_ns) for own in channels.thrusters),
+            devices={
+                section: tuple(_within(channel, start_ns, stop_ns) for channel in own)
+                for section, own in (("wheels", channels.wheels), ("thrusters", channels.thrusters))
+            },
         )
 
 

@@ -102,7 +102,7 @@ def window(index: int) -> Window:
         gyro=channel(t, s.w_NB_B),
         accelerometer=channel(t, f),
         attitude=channel(t, turn),
-        thrusters=tuple(valves),
+        devices={"thrusters": tuple(valves)},
     )
 
 

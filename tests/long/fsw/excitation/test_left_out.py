@@ -68,7 +68,7 @@ def with_the_wheels_of(setup: bench.Setup, without: Config) -> float:
         for block in left_out.blocks_along(setup.config, problem, motion)
     ]
     state = problem.prior_mean.copy()  # at rest the wheels have all of the momentum
-    state[problem.at("momentum")] = problem.wheel_axes @ (inertias * truth.wheel_rad_s[0])
+    state[problem.at("momentum")] = problem.carrier.axes @ (inertias * truth.wheel_rad_s[0])
     there = left_out.channels(turning, replace(problem, prior_mean=state))
     own = build_problem(without, problem.model)
     blocks = left_out.blocks_along(without, own, motion)

@@ -274,7 +274,7 @@ def seen(old: Window, *, valve_open: bool, solved: bool) -> Window:
     t_s = old.start_ns * 1e-9 + 0.02 * (np.arange(20) + 0.5)
     valve = channel(t_s, np.stack([np.full(20, float(valve_open)), np.zeros(20)], axis=1))
     attitude = channel(t_s[3:4], np.array([[0.0, 0.0, 0.6, 0.8]])) if solved else NO_ATTITUDE
-    return replace(old, thrusters=(valve,), attitude=attitude)
+    return replace(old, devices={"thrusters": (valve,)}, attitude=attitude)
 
 
 def test_windows_given_together_have_the_blocks_and_findings_of_one_by_one() -> None:

@@ -13,7 +13,8 @@ W = 400_000_000  # window [ns]
 
 
 def valves(count: int = 2) -> Valves:
-    return Valves([ThrusterConfig.model_validate(thruster_settings(k)) for k in range(count)])
+    own = [ThrusterConfig.model_validate(thruster_settings(k)) for k in range(count)]
+    return Valves(own, np.zeros(count))
 
 
 def channel(index: int, *changes: tuple[float, float], start: float = 0.0) -> ChannelWindow:
@@ -29,7 +30,7 @@ def channel(index: int, *changes: tuple[float, float], start: float = 0.0) -> Ch
 
 
 def look(own: Valves, index: int, *channels: ChannelWindow):
-    found, missed = own.at(channels, index * W, (index + 1) * W)
+    found, missed = own.found(channels, index * W, (index + 1) * W)
     if found is None:
         return None, missed
     used = found["edges"][found["edges"][:, 2] != 0]
@@ -51,7 +52,7 @@ def test_a_valve_that_stays_open_is_one_edge_long_ago_and_its_time_counts() -> N
     own = valves(1)
     look(own, 0, channel(0, (0.1, 1.0)))
     for k in range(1, 4):
-        found, _ = own.at([channel(k, start=1.0)], k * W, (k + 1) * W)
+        found, _ = own.found([channel(k, start=1.0)], k * W, (k + 1) * W)
     assert found is not None
     assert found["opened_s"] == pytest.approx([1.1])
     (edge,) = found["edges"][found["edges"][:, 2] != 0]

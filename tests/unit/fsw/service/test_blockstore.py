@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fsw.messages import OF_WHEELS, Block
+from fsw.messages import CARRIED, Block
 from fsw.service.blockstore import BlockStoreError, BlockWriter, newest, read_blocks
 from tests.support.loop_cases import make_block
 
@@ -34,9 +34,9 @@ def test_a_store_of_a_robot_without_wheels_holds_nothing_of_them_and_one_with_do
     for name, block in (("plain", plain), ("turning", turning)):
         BlockWriter(tmp_path / name).append(block)
         (again,) = read_blocks(tmp_path / name)
-        for key in OF_WHEELS:
+        for key in CARRIED:
             assert np.array_equal(getattr(again, key), getattr(block, key))
-        stored = any(key in (tmp_path / name).read_bytes()[:4096].decode() for key in OF_WHEELS)
+        stored = any(key in (tmp_path / name).read_bytes()[:4096].decode() for key in CARRIED)
         assert stored == (name == "turning")
 
 

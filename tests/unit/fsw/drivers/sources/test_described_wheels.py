@@ -73,9 +73,9 @@ def test_a_speed_is_as_old_as_its_sync_and_the_wheels_delay(tmp_path):
     source = made(tmp_path, [wheel(0, delay_s=2e-3)], sync_counter_max=0, latch_offset_s=1e-4)
     samples = source.feed(frame_array(synced(0, [1000, -2000, 32])))
     expected = np.array([500.0, -1000.0, 16.0]) * math.tau / 60
-    np.testing.assert_allclose(samples.speed_rad_s, expected, rtol=1e-12)
+    np.testing.assert_allclose(samples.values[:, 0], expected, rtol=1e-12)
     np.testing.assert_array_equal(samples.t_ns, T0 + PERIOD_NS * np.arange(3) + 100_000 - 2 * MS)
-    assert np.isnan(samples.torque_nm).all()
+    assert np.isnan(samples.values[:, 1]).all()
     assert source.status()["wheel1"]["accepted"] == 3
 
 
@@ -93,11 +93,11 @@ def test_two_wheels_by_arrival_with_torque(tmp_path):
     ]
     samples = source.feed(frame_array(sorted(frames, key=lambda frame: frame.t_ns)))
     for k in range(2):
-        mine = samples.wheel == k
+        mine = samples.device == k
         assert mine.sum() == 200
         late_ns = samples.t_ns[mine] - true_ns - 7 * MS * k
         assert np.abs(late_ns[100:]).max() < 5e4
-        np.testing.assert_allclose(samples.torque_nm[mine], 0.25)
+        np.testing.assert_allclose(samples.values[mine, 1], 0.25)
     assert source.words == [0x310, 0x311]
 
 

@@ -131,7 +131,7 @@ def test_speeds_of_wheels_are_in_range_and_earlier_by_their_delay():
             message(30_000_000, speed_rad_s={"wheel2": 1.0}),
         ]
     )
-    assert samples.wheel.tolist() == [0, 1, 1, 1]
-    assert samples.speed_rad_s.tolist() == [99.0, 300.0, -300.0, 1.0]
+    assert samples.device.tolist() == [0, 1, 1, 1]
+    assert samples.values[:, 0].tolist() == [99.0, 300.0, -300.0, 1.0]
     assert samples.t_ns.tolist() == [8_000_000, 10_000_000, 20_000_000, 30_000_000]
-    assert np.isnan(samples.torque_nm).all()
+    assert np.isnan(samples.values[:, 1]).all()

@@ -33,7 +33,7 @@ def report(k: int, valves: int, age: int, changes: int, status: int = 8) -> CanF
 def states(bus: ThrusterBusSource, *frames: CanFrame) -> list[tuple[int, int, float, float]]:
     """Time from T0 [us], thruster, state, whether it is a change."""
     s = bus.feed(frame_array(list(frames)))
-    rows = zip(s.t_ns - T0, s.thruster, s.is_open, s.is_change, strict=True)
+    rows = zip(s.t_ns - T0, s.device, *s.values.T, strict=True)
     return [(int(t) // 1000, int(k), float(on), float(new)) for t, k, on, new in rows]
 
 

@@ -54,9 +54,9 @@ def test_a_report_is_valid_at_the_sync_it_echoes() -> None:
         frame_array([sync(0), report(0), sync(1), report(0, 50.0, wheel=1, delay_ns=2 * MS + 1)])
     )
     assert samples.t_ns.tolist() == [T0 + 10_000] * 2
-    assert samples.wheel.tolist() == [0, 1]
-    assert samples.speed_rad_s == pytest.approx([100.0, 50.0], abs=1e-6)
-    assert samples.torque_nm == pytest.approx([0.1, 0.1])
+    assert samples.device.tolist() == [0, 1]
+    assert samples.values[:, 0] == pytest.approx([100.0, 50.0], abs=1e-6)
+    assert samples.values[:, 1] == pytest.approx([0.1, 0.1])
 
 
 @pytest.mark.parametrize(
@@ -80,9 +80,10 @@ def test_a_bad_report_is_rejected_and_counted_and_the_next_one_is_used(bad: CanF
 def test_a_torque_that_is_out_of_range_or_not_measured_leaves_the_speed() -> None:
     frames = frame_array([sync(0), report(0, torque=0.5), sync(1), report(1, status=0x08)])
     samples = source().feed(frames)
-    assert np.isnan(samples.torque_nm).tolist() == [True, True]
-    assert samples.speed_rad_s == pytest.approx([100.0, 100.0], abs=1e-6)
-    assert np.isnan(source(torque="none").feed(frame_array([sync(0), report(0)])).torque_nm).all()
+    assert np.isnan(samples.values[:, 1]).tolist() == [True, True]
+    assert samples.values[:, 0] == pytest.approx([100.0, 100.0], abs=1e-6)
+    mute = source(torque="none").feed(frame_array([sync(0), report(0)]))
+    assert np.isnan(mute.values[:, 1]).all()
 
 
 def test_the_same_report_twice_counts_once() -> None:

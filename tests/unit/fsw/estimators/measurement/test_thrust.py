@@ -10,7 +10,6 @@ from numpy.polynomial import legendre
 from scipy.integrate import quad
 
 from fsw.errors import EstimatorError
-from fsw.estimators.measurement import thrust
 from fsw.estimators.measurement.fused import predict
 from fsw.estimators.measurement.impulse import momentum_at_nodes
 from fsw.estimators.measurement.mrnea import mrnea_rows
@@ -47,10 +46,10 @@ def share(t_s: float, block: Block, k: int, delay_s: float, rise_s: float) -> fl
 
 def test_nodes_hold_the_projections_of_force_and_impulse() -> None:
     problem, x, block = case()
-    found, half = thrust.profile(block, x, problem), WINDOW_S / 2
+    found, half = problem.switched.profile(block, x), WINDOW_S / 2
     points = legendre.leggauss(NODES)[0]
-    delay = problem.thrusters.delay_s + x[problem.at("thrust_delay")]
-    rise = problem.thrusters.rise_s + x[problem.at("thrust_rise")]
+    delay = problem.switched.delay_s + x[problem.at("thrust_delay")]
+    rise = problem.switched.rise_s + x[problem.at("thrust_rise")]
     for k in range(len(CORNERS)):
         own = block.edges[(block.edges[:, 0] == k) & (block.edges[:, 2] != 0), 1] + delay[k]
         breaks = [t for t in own if abs(t) < half]
@@ -89,15 +88,15 @@ def test_the_time_open_becomes_the_impulse_before() -> None:
     """A valve open for 1 s, closed 0.35 s before the window's start and after delay and rise."""
     problem, x, block = case()
     x[:] = problem.prior_mean
-    k, delay, rise = 2, problem.thrusters.delay_s[2], problem.thrusters.rise_s[2]
+    k, delay, rise = 2, problem.switched.delay_s[2], problem.switched.rise_s[2]
     start = -WINDOW_S / 2
     block = replace(block, opened_s=np.full(len(CORNERS), 1.0))
     late = replace(block, edges=edges_of([(k, start - 1.003, start - 0.003)], 0.0))
     # closed 3 ms before the start: less the delay of 5 ms nothing has fallen yet
     opened = 1.003 - delay - rise * (1.0 - np.exp(-(1.003 - delay) / rise))
-    assert thrust.profile(late, x, problem).before_s[k] == pytest.approx(opened, abs=1e-12)
+    assert problem.switched.profile(late, x).before_s[k] == pytest.approx(opened, abs=1e-12)
     long_ago = replace(block, edges=edges_of([], 0.0))
-    assert thrust.profile(long_ago, x, problem).before_s[k] == 1.0
+    assert problem.switched.profile(long_ago, x).before_s[k] == 1.0
 
 
 @pytest.mark.parametrize("rate", ["momentum", "measured"])
@@ -167,7 +166,7 @@ def test_momentum_is_carried_over_a_gap_by_the_time_open() -> None:
         if i in (0, 3):
             parted = momentum_at_nodes(window(i), x, problem, G, parted)[2]
     np.testing.assert_allclose(parted.L_Nms, whole.L_Nms, rtol=1e-9)
-    total, arm = problem.model.composite(quiet[0]) @ problem.pi(x), problem.thrusters.ways[:, 1]
+    total, arm = problem.model.composite(quiet[0]) @ problem.pi(x), problem.switched.ways[:, 1]
     moment = arm[3:] - np.cross(total[1:4] / total[0], arm[:3])
     np.testing.assert_allclose(whole.L_Nms, moment * (off_s - on_s), rtol=1e-9)
 

@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from fsw.estimators.measurement import energy, wheels
+from fsw.estimators.measurement import energy
 from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.measurement.energy import energy_rows
 from fsw.estimators.measurement.fused import predict
@@ -109,7 +109,7 @@ def test_state_jacobians_are_the_derivatives(rate: Any) -> None:
 def test_the_gain_of_a_wheel_s_motion_is_the_derivative(rate: Any) -> None:
     problem, x, block = case(doubt=True)
     found = predict(block, x, problem, rate)
-    assert found.D_wheel is not None
+    assert found.D_carried is not None
     for order, name in enumerate(("wheel_nms", "wheel_nm")):
         for k in range(len(PYRAMID)):
             step = 1e-4 * np.eye(len(PYRAMID))[k]
@@ -120,7 +120,7 @@ def test_the_gain_of_a_wheel_s_motion_is_the_derivative(rate: Any) -> None:
             slope = np.concatenate(
                 [(getattr(up, f) - getattr(down, f)) / 2e-4 for f in FIELDS], axis=1
             )
-            got = found.D_wheel[order, :, :, k]
+            got = found.D_carried[order, :, :, k]
             np.testing.assert_allclose(got, slope, rtol=1e-5, atol=1e-8)
 
 
@@ -223,7 +223,7 @@ def test_wheels_that_stand_still_change_no_row(method: str) -> None:
 
 
 def test_blocks_of_another_robot_s_wheels_are_refused() -> None:
-    with pytest.raises(ValueError, match="blocks of 0 wheels; the robot has 4"):
+    with pytest.raises(ValueError, match="blocks of 0 momenta; the robot has 4"):
         predict(random_block(), problem_with_wheels().prior_mean, problem_with_wheels())
 
 
@@ -257,7 +257,7 @@ def test_a_delayed_wheel_is_read_later() -> None:
     )
     x, late_s = problem.prior_mean.copy(), 1e-4
     x[problem.at("wheel_delay")] = late_s
-    found = wheels.turning(BlockStack((block,)), x, problem)
+    found = problem.carrier(BlockStack((block,)), x)
     assert found is not None
     later = rates + np.outer(t_s + late_s, 10.0 * rates)
     np.testing.assert_allclose(found.hd_nm, later @ PYRAMID, rtol=0, atol=1e-9)
