@@ -3,16 +3,13 @@
 The functions need no device. Lengths of frames are those of docs/icd.md and of the codecs.
 """
 
-from collections.abc import Sequence
-
 from fsw.config import (
+    Actuator,
     BusConfig,
+    Config,
     ImuConfig,
-    JointConfig,
     SchedulerConfig,
     StarTrackerConfig,
-    ThrusterConfig,
-    WheelConfig,
 )
 from fsw.config.feed import SAMPLES
 from fsw.drivers.codecs.entries import imu_codec, star_tracker_codec
@@ -25,7 +22,7 @@ SYNC_BYTES = 1
 TPDO1_BYTES = 8
 TPDO1_FD_BYTES = 20
 TPDO2_BYTES = 8
-WHEEL_TPDO2_BYTES = 2
+ACTUATOR_TPDO2_BYTES = 2
 TPDO2_DIVIDER = 10  # a node sends TPDO2 at every tenth SYNC
 
 
@@ -52,18 +49,14 @@ def fd_frame_s(data_bytes: int, bitrate: float, data_bitrate: float) -> float:
     return (17 + 4 + 13) / bitrate + data_bits / data_bitrate
 
 
-def bus_load(
-    bus: BusConfig,
-    joints: tuple[JointConfig, ...],
-    others: Sequence[WheelConfig | ThrusterConfig] = (),
-) -> float:
+def bus_load(config: Config, bus: BusConfig) -> float:
     """Return the worst-case load of a bus by SYNC, TPDO1 and TPDO2 (1: full)."""
     if bus.interface == SAMPLES:
         return 0.0
     bitrate = bus.bitrate or ASSUMED_BITRATE
     data_bitrate = bus.data_bitrate or ASSUMED_DATA_BITRATE
     cycle_s = classic_frame_s(SYNC_BYTES, bitrate)
-    for joint in joints:
+    for joint in config.joints:
         if joint.bus != bus.name or joint.driver == "described":  # no rate of its frames is known
             continue
         if joint.format == "fd":
@@ -72,11 +65,12 @@ def bus_load(
             cycle_s += classic_frame_s(TPDO1_BYTES, bitrate)
             cycle_s += classic_frame_s(TPDO2_BYTES, bitrate) / TPDO2_DIVIDER
     report_s = classic_frame_s(TPDO1_BYTES, bitrate)
-    report_s += classic_frame_s(WHEEL_TPDO2_BYTES, bitrate) / TPDO2_DIVIDER
+    report_s += classic_frame_s(ACTUATOR_TPDO2_BYTES, bitrate) / TPDO2_DIVIDER
     reports_hz = sum(
         {
             other.node_id: other.rate_hz
-            for other in others
+            for own in config.actuators.values()
+            for other in own
             if other.bus == bus.name and other.node_id is not None
         }.values()
     )
@@ -102,11 +96,11 @@ def joint_delay_s(bus: BusConfig, scheduler: SchedulerConfig) -> float:
     return abs(bus.latch_offset_s) + 1.0 / bus.rate_hz + waits_s
 
 
-def wheel_delay_s(wheel: WheelConfig, bus: BusConfig | None, scheduler: SchedulerConfig) -> float:
-    """Return the longest delay [s] from validity to reading; without a bus: delay_s and a tick."""
-    if bus is None:
-        return wheel.delay_s + 1.0 / scheduler.tick_rate_hz
-    return wheel.delay_s + joint_delay_s(bus, scheduler)
+def actuator_delay_s(own: Actuator, config: Config) -> float:
+    """Return the longest delay [s] from validity to reading; without a bus: late_s and a tick."""
+    buses = [bus for bus in config.buses if bus.name == own.bus]
+    waits_s = [joint_delay_s(bus, config.scheduler) for bus in buses]
+    return own.late_s + (waits_s or [1.0 / config.scheduler.tick_rate_hz])[0]
 
 
 def imu_delay_s(imu: ImuConfig, scheduler: SchedulerConfig) -> float:

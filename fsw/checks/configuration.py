@@ -20,7 +20,7 @@ from fsw.config.joints import minute_walk
 from fsw.config.keys import read_key
 from fsw.config.telemetry import BUS_SLOTS, JOINT_SLOTS
 from fsw.drivers.codecs.entries import imu_codec
-from fsw.drivers.layout.joints import layouts_of, torque_steps_nm, wheel_layouts_of
+from fsw.drivers.layout.joints import layouts_of, torque_steps_nm
 from fsw.errors import ConfigError
 from fsw.estimators.model.problem import Problem
 
@@ -105,7 +105,7 @@ def _noise_warnings(config: Config) -> Iterator[str]:
 def _warnings(config: Config) -> list[str]:
     found = []
     for i, bus in enumerate(config.buses):
-        load = budget.bus_load(bus, config.joints, (*config.wheels, *config.thrusters))
+        load = budget.bus_load(config, bus)
         if load > HIGH_LOAD:
             found.append(
                 f"buses.{i}.rate_hz: {bus.rate_hz:g} loads {bus.name!r} to {load:.0%} "
@@ -134,7 +134,7 @@ def _warnings(config: Config) -> list[str]:
             f"estimator.weighting: {estimator.weighting!r} does nothing to estimator.method "
             f"{estimator.method!r}, only to a batch of mrnea; must be 'eiv' with this method"
         )
-    others = [kind for kind in ("wheels", "thrusters") if getattr(config, kind)]
+    others = list(config.actuators)
     rated = config.estimator.method != "mrnea"  # rows of mrnea need no momentum
     if others and rated and config.base.motion == "free" and not estimator.momentum_sigma_nms:
         found.append(
@@ -194,7 +194,8 @@ def validate_ports(config: Config) -> None:
         for i, bus in enumerate(config.buses)
         if bus.interface == SAMPLES and bus.feed is None
     ]
-    sampled += [f"wheels.{i}.bus" for i, wheel in enumerate(config.wheels) if wheel.bus is None]
+    for section, actuators in config.actuators.items():
+        sampled += [f"{section}.{i}.bus" for i, own in enumerate(actuators) if own.bus is None]
     sampled += [f"wrench_sensors.{i}" for i in range(len(config.wrench_sensors))]
     for key, own in (("imu", config.imu), ("star_tracker", config.star_tracker)):
         if own is not None and own.driver == SAMPLES and own.bus is None:
@@ -258,7 +259,7 @@ def _bitrate_words(bus: BusConfig) -> str:
 def _bus_faults(config: Config) -> list[str]:
     faults = []
     for i, bus in enumerate(config.buses):
-        load = budget.bus_load(bus, config.joints, (*config.wheels, *config.thrusters))
+        load = budget.bus_load(config, bus)
         simulated = bus.bitrate is None and bus.interface in SIMULATED
         if load > FULL_LOAD and not simulated:
             faults.append(
@@ -284,8 +285,8 @@ def _description_faults(config: Config) -> list[str]:
     faults: list[str] = []
     for bus in config.buses:
         try:
-            layouts_of(config, bus)
-            wheel_layouts_of(config, bus)
+            for section in ("joints", *config.actuators):
+                layouts_of(config, bus, section)
         except ConfigError as error:
             faults += str(error).splitlines()
     return faults

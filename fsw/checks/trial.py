@@ -243,8 +243,7 @@ def make_trial(
     """
     windows = unwrapped(config, windows)
     moving = [block for block in blocks if np.abs(block.qd_rad_s).max(initial=0.0) > 0.0] or blocks
-    lasting = any(own[0].lasts for own in config.devices.values())
-    depends = lasting or any(j.speed_only for j in config.joints)
+    depends = config.actuators or any(j.speed_only for j in config.joints)
     by_index = {window.index: k for k, window in enumerate(windows)}
     places = [by_index[block.index] for block in moving]
     if depends:

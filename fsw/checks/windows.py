@@ -25,8 +25,8 @@ def window_faults(config: Config) -> list[str]:
         for i, sensor in enumerate(config.wrench_sensors)
     ]
     rates_hz = {key: rate_hz for key, rate_hz, _ in channels}
-    rates_hz |= {f"wheels.{i}.rate_hz": wheel.rate_hz for i, wheel in enumerate(config.wheels)}
-    rates_hz |= {f"thrusters.{i}.rate_hz": own.rate_hz for i, own in enumerate(config.thrusters)}
+    for section, actuators in config.actuators.items():
+        rates_hz |= {f"{section}.{i}.rate_hz": own.rate_hz for i, own in enumerate(actuators)}
     fastest, rate_hz = max(rates_hz.items(), key=itemgetter(1))
     faults = []
     if estimator.window_s * rate_hz > MAX_WINDOW_SAMPLES:
@@ -73,13 +73,11 @@ def lag_faults(config: Config) -> list[str]:
         delays["star_tracker (latency, the line, one tick)"] = budget.star_tracker_delay_s(
             config.star_tracker, scheduler
         )
-    buses = {bus.name: bus for bus in config.buses}
     delays |= {
-        f"wheels.{i} with its delay_s {wheel.delay_s:g}": budget.wheel_delay_s(
-            wheel, buses.get(wheel.bus or ""), scheduler
-        )
-        for i, wheel in enumerate(config.wheels)
-        if wheel.delay_s
+        f"{section}.{i} with its delay_s {own.late_s:g}": budget.actuator_delay_s(own, config)
+        for section, actuators in config.actuators.items()
+        for i, own in enumerate(actuators)
+        if own.late_s
     }
     delays |= {
         f"wrench_sensors.{i} with its delay_s {sensor.delay_s:g}": sensor.delay_s

@@ -8,8 +8,8 @@ from fsw.checks import budget
 from fsw.config import BaseConfig, BodyConfig, BusConfig, Config
 from fsw.config.joints import minute_walk
 from fsw.drivers.layout.joints import in_words, layouts_of
+from fsw.estimators.effects.registered import WORDS
 from fsw.estimators.model.inertia import PARAMETERS
-from fsw.estimators.model.modes import modal_inertia
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.model.state_groups import GROUPS
 
@@ -19,9 +19,7 @@ def describe(config: Config, problem: Problem, costs: Sequence[str] = ()) -> str
     sections = (
         ("robot", _robot(config, problem)),
         ("bodies", _bodies(config, problem)),
-        *([("wheels", _wheels(config))] if config.wheels else []),
-        *([("modes", _modes(config))] if config.modes else []),
-        *([("thrusters", _thrusters(config))] if config.thrusters else []),
+        *((section, words(config)) for section, words in WORDS.items() if getattr(config, section)),
         ("buses", _buses(config)),
         ("serial", _serial(config)),
         ("loop", _loop(config)),
@@ -102,52 +100,6 @@ def _body(body: BodyConfig) -> str:
     return f"{text} kg, centre of mass [{com}] m, inertia [{inertia}] kg m^2"
 
 
-def _wheels(config: Config) -> list[str]:
-    """Return a line for each wheel, and a line on what the model does not contain."""
-    lines = []
-    for wheel in config.wheels:
-        axis = " ".join(f"{x:.4g}" for x in wheel.axis_B)
-        most = wheel.inertia_kg_m2 * wheel.speed_limit_rad_s
-        torque = "speed" if wheel.torque == "none" else "speed and motor torque"
-        lines.append(
-            f"{wheel.name}: axis [{axis}], {wheel.inertia_kg_m2:.4g} kg m^2 "
-            f"+- {wheel.inertia_sigma_ratio:.1%}, {torque} at {wheel.rate_hz:g} Hz, at most "
-            f"{most:.4g} N m s and {wheel.torque_limit_nm:.4g} N m"
-        )
-    return [*lines, "mass and locked inertia of every wheel belong to base; imbalance is noise"]
-
-
-def _thrusters(config: Config) -> list[str]:
-    """Return a line for each thruster, and a line on what the model contains."""
-    lines = []
-    for own in config.thrusters:
-        place, way = (" ".join(f"{x:.4g}" for x in v) for v in (own.p_B_m, own.direction_B))
-        lines.append(
-            f"{own.name}: {own.force_n:.4g} N +- {own.force_sigma_ratio:.1%} at [{place}] m along "
-            f"[{way}], delay {1e3 * own.delay_s:.3g} +- {1e3 * own.delay_sigma_s:.3g} ms, rise "
-            f"{1e3 * own.rise_s:.3g} +- {1e3 * own.rise_sigma_s:.3g} ms"
-        )
-    return [*lines, "modelled: force, delay and rise of each; propellant that leaves is not"]
-
-
-def _modes(config: Config) -> list[str]:
-    """Return a line for each mode with its declared values and the effect of leaving it out."""
-    lines = []
-    for mode in config.modes:
-        inertia, rate_rad_s = modal_inertia(mode), 2.0 * np.pi * mode.frequency_hz
-        is_panel = mode.kind == "panel"
-        size = f"{mode.mass_kg:.4g} kg" + f", {inertia:.4g} kg m^2 about its hinge" * is_panel
-        far, pull = ("rad", "N m") if is_panel else ("m", "N")
-        lines.append(
-            f"{mode.name}: {mode.kind}, {size} +- {mode.mass_sigma_ratio:.0%}, "
-            f"{mode.frequency_hz:.4g} Hz +- {mode.frequency_sigma_ratio:.0%}, damping ratio "
-            f"{mode.damping_ratio:.3g} +- {mode.damping_sigma_ratio:.0%}; left out, it would pull "
-            f"with {inertia * rate_rad_s**2 * mode.amplitude:.2g} {pull} at {mode.amplitude:.3g} "
-            f"{far} unexplained, and faster motions would miss its mass in base"
-        )
-    return [*lines, "at rest every mode belongs to base; stops and walls are not modelled"]
-
-
 def _buses(config: Config) -> list[str]:
     lines = []
     for bus in config.buses:
@@ -159,7 +111,7 @@ def _buses(config: Config) -> list[str]:
             for k in (*(j for j in config.joints if j.node_id is None), *config.can_nodes)
             if k.bus == bus.name
         ]
-        load = budget.bus_load(bus, config.joints, (*config.wheels, *config.thrusters))
+        load = budget.bus_load(config, bus)
         assumed = "" if bus.bitrate else f" at an assumed {budget.ASSUMED_BITRATE} bit/s"
         layouts = layouts_of(config, bus)
         share = "not predicted" if layouts else f"{load:.0%}{assumed}"
@@ -232,11 +184,11 @@ def _estimate(config: Config, problem: Problem) -> list[str]:
     lags["imu"] = budget.imu_delay_s(config.imu, config.scheduler)
     if config.star_tracker is not None:
         lags["star_tracker"] = budget.star_tracker_delay_s(config.star_tracker, config.scheduler)
-    buses = {bus.name: bus for bus in config.buses}
     lags |= {
-        wheel.name: budget.wheel_delay_s(wheel, buses.get(wheel.bus or ""), config.scheduler)
-        for wheel in config.wheels
-        if wheel.delay_s
+        own.name: budget.actuator_delay_s(own, config)
+        for actuators in config.actuators.values()
+        for own in actuators
+        if own.late_s
     }
     slowest = max(lags, key=lambda name: lags[name])
     sigmas = problem.prior_covariance.diagonal() ** 0.5

@@ -12,6 +12,7 @@ from fsw.commands.progress import Progress
 from fsw.commands.replay import replay
 from fsw.config import Config
 from fsw.errors import ConfigError
+from fsw.estimators.effects.registered import DEVICES
 from fsw.exchange.sinks import Message, NullSink
 from fsw.excitation import assess, criteria, foreseen, spline
 from fsw.excitation.collision import Collisions
@@ -76,14 +77,8 @@ def excite(arguments: argparse.Namespace, config: Config) -> int:
 
 def what_stands_still(config: Config, firings: Sequence[spline.Firing]) -> list[str]:
     """Return a line for each kind of actuator whose motion the plan leaves out."""
-    lines = []
-    if config.wheels:
-        lines.append("wheels: counted as if they stood still relative to the base")
-    if config.thrusters and not firings:
-        lines.append("thrusters: counted without a firing; name them in `firings`")
-    if config.thrusters and firings:
-        lines.append("thrusters: limits of the base do not count what the firings move")
-    return lines
+    own = [kind for kind in DEVICES if getattr(config, kind.section)]
+    return [words for kind in own if (words := kind.unplanned(bool(firings)))]
 
 
 def _check_numbers(arguments: argparse.Namespace) -> None:

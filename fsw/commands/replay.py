@@ -16,6 +16,7 @@ from fsw.commands.replay_result import ReplayResult
 from fsw.commands.span import WHOLE, Span
 from fsw.commands.unused import missed, unused_lines
 from fsw.config import Config
+from fsw.drivers.sources.samples import DEVICE_SAMPLES
 from fsw.drivers.wire import NO_FRAMES, ByteChunk, FrameArray, joined
 from fsw.errors import WRONG_CONTENT, ConfigError, brief
 from fsw.estimators.pipeline import Pipeline
@@ -37,8 +38,6 @@ from fsw.exchange.sinks import (
     IMU,
     JOINTS,
     STAR_TRACKER,
-    WHEELS,
-    WRENCH_SENSORS,
     BatchEnd,
     CanTraffic,
     Fanout,
@@ -303,19 +302,21 @@ def topics_of(config: Config, held: Sequence[str]) -> list[str]:
     """Return the channels to replay: decoded samples of a source if recorded, else raw traffic."""
     devices = {IMU: config.imu if config.imu.present else None, STAR_TRACKER: config.star_tracker}
     on_feed = {bus.name for bus in config.buses if bus.feed is not None}
-    wheels, joints = f"{SAMPLES}{WHEELS}", f"{SAMPLES}{JOINTS}"
+    sampled = [name for name in DEVICE_SAMPLES if getattr(config, name)]
+    joints = f"{SAMPLES}{JOINTS}"
     if joints in held or not config.joints:
-        topics = [joints] * bool(config.joints) + [wheels] * bool(config.wheels)
+        topics = [joints] * bool(config.joints)
     else:
         topics = [
             f"/serial/{bus.name}" if bus.name in on_feed else f"/can/{bus.name}"
             for bus in config.buses
         ]
-    topics += [f"{SAMPLES}{WRENCH_SENSORS}"] * bool(config.wrench_sensors)
+        sampled = [name for name in sampled if name not in config.actuators]
+    topics += [f"{SAMPLES}{name}" for name in sampled]
     for name, device in devices.items():
-        sampled = f"{SAMPLES}{name}"
-        if device is not None and (sampled in held or device.bus not in on_feed):
-            topics.append(sampled if sampled in held else f"/serial/{name}")
+        topic = f"{SAMPLES}{name}"
+        if device is not None and (topic in held or device.bus not in on_feed):
+            topics.append(topic if topic in held else f"/serial/{name}")
     return topics
 
 

@@ -4,6 +4,7 @@ Every key with a dimension ends in its unit. Most keys of geometry and noise hav
 are relative to the configuration file. Reading a configuration opens no device.
 """
 
+from fsw.config.actuators import Actuator, Describable
 from fsw.config.base import (
     BodyName,
     Finite,
@@ -28,12 +29,14 @@ from fsw.config.whole import Config, load, parse
 from fsw.config.wrench_sensors import WrenchSensorConfig
 
 __all__ = [
+    "Actuator",
     "BaseConfig",
     "BodyConfig",
     "BodyName",
     "BodySigma",
     "BusConfig",
     "Config",
+    "Describable",
     "EstimatorConfig",
     "Finite",
     "HealthConfig",

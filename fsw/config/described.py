@@ -1,18 +1,17 @@
 """Conditions between buses and the devices on them, where some are described."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
+from fsw.config.actuators import Actuator
 from fsw.config.buses import BusConfig
 from fsw.config.joints import JointConfig
 from fsw.config.signals import BY_SYNC
-from fsw.config.thrusters import ThrusterConfig
-from fsw.config.wheels import WheelConfig
 
 
 def descriptions_go_with(
     buses: Sequence[BusConfig],
     joints: Sequence[JointConfig],
-    others: Sequence[WheelConfig | ThrusterConfig],
+    actuators: Mapping[str, Actuator],
 ) -> None:
     """Raise ValueError for a bus that does not give its devices the SYNC that they need."""
     for i, bus in enumerate(buses):
@@ -23,8 +22,8 @@ def descriptions_go_with(
         if len(drivers) > 1 and "described" in drivers:
             raise ValueError(f"buses.{i}.name: joints of drivers {sorted(drivers)}; must be of one")
         tailored = [joint.name for _, joint in own if joint.driver == "canopen"]
-        tailored += [o.name for o in others if o.bus == bus.name and o.driver == "canopen"]
-        foreign = [o for o in others if isinstance(o, WheelConfig) and o.bus == bus.name]
+        others = {at: other for at, other in actuators.items() if other.bus == bus.name}
+        tailored += [other.name for other in others.values() if other.driver == "canopen"]
         for key, value, is_bare in (
             ("sync", bus.sync, bus.sync == "none"),
             ("sync_counter_max", bus.sync_counter_max, bus.sync_counter_max == 0),
@@ -32,7 +31,7 @@ def descriptions_go_with(
             if tailored and is_bare:
                 raise ValueError(f"buses.{i}.{key}: {value!r}; {tailored[0]!r} needs its counter")
         timed = {f"joints.{k}": joint.timing for k, joint in own}
-        timed |= {f"wheels.{others.index(wheel)}": wheel.timing for wheel in foreign}
+        timed |= {at: other.timing for at, other in others.items()}
         for k, joint in own:
             if bus.listen_only and joint.pdo != "trusted":
                 raise ValueError(

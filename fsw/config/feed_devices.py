@@ -2,15 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 
+from fsw.config.actuators import Actuator
 from fsw.config.buses import BusConfig
 from fsw.config.feed import SAMPLES
 from fsw.config.joints import JointConfig
 from fsw.config.sensors import ImuConfig, StarTrackerConfig
-from fsw.config.thrusters import ThrusterConfig
-from fsw.config.wheels import WheelConfig
 
 MOST_JOINTS = 21  # position, torque and speed of each have a bit in a mask of 64
-Device = JointConfig | ImuConfig | StarTrackerConfig | WheelConfig | ThrusterConfig
+Device = JointConfig | ImuConfig | StarTrackerConfig | Actuator
 
 
 def feeds_go_with(buses: Sequence[BusConfig], devices: Mapping[str, Device]) -> None:
@@ -23,7 +22,7 @@ def feeds_go_with(buses: Sequence[BusConfig], devices: Mapping[str, Device]) -> 
     sampled = sorted(bus.name for bus in buses if bus.interface == SAMPLES)
     feeds = [bus.name for bus in buses if bus.feed is not None]
     for at, device in devices.items():
-        driver = None if isinstance(device, WheelConfig | ThrusterConfig) else device.driver
+        driver = None if isinstance(device, Actuator) else device.driver
         if driver == SAMPLES and device.bus is not None and device.bus not in sampled:
             raise ValueError(f"{at}.bus: {device.bus!r} with driver: samples; must be of {sampled}")
         if driver is None and device.bus in feeds:

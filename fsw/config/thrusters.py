@@ -17,7 +17,8 @@ class ThrusterConfig(Section):
     """One thruster: a valve of a CAN node, and the force on the base while the valve is open."""
 
     width: ClassVar = 2  # values of a sample: is_open (NaN: a change may be missing), is_change
-    lasts: ClassVar = True  # as of a wheel
+    timing: ClassVar = None  # always by the SYNC
+    late_s: ClassVar = 0.0  # of its readings; `delay_s` is the force's
     name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}$")]
     """its name in events and status"""
     driver: Literal["canopen"] = "canopen"

@@ -30,7 +30,6 @@ class WheelConfig(Section):
     """One wheel: a rotor, symmetric about an axis that is fixed in the base."""
 
     width: ClassVar = 2  # values of a sample: speed_rad_s, torque_nm (NaN: unusable)
-    lasts: ClassVar = True  # one sample in a window is enough: earlier ones show the state too
     name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}$")]
     """its name in events and status"""
     driver: Literal["canopen", "described"] = "canopen"
@@ -120,6 +119,11 @@ class WheelConfig(Section):
             "torque": self.torque == "measured",
         }
         roles_given(self.signals, self.timing, needed, f"torque {self.torque}")
+
+    @property
+    def late_s(self) -> float:
+        """By how much its readings are late [s]."""
+        return self.delay_s
 
     @property
     def kind(self) -> Literal["revolute"]:

@@ -1,11 +1,13 @@
 """The whole configuration of one daemon: sections, conditions between sections, reading."""
 
 import zlib
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Self
 
 from pydantic import ConfigDict, Field, PrivateAttr, ValidationError, model_validator
 
+from fsw.config.actuators import ACTUATORS, Actuator
 from fsw.config.base import BodyName, Section, allow_null, null_is_left_out
 from fsw.config.buses import BusConfig
 from fsw.config.consistency import (
@@ -50,7 +52,6 @@ from fsw.config.wheels import WheelConfig, wheels_go_with
 from fsw.config.wrench_sensors import WrenchSensorConfig, wrench_sensors_go_with
 from fsw.errors import ConfigError
 
-DEVICES = ("wheels", "thrusters", "wrench_sensors")  # lists of devices with channels of their own
 BETWEEN_FILES = " + "  # in the name of a configuration with overlays
 
 
@@ -112,7 +113,7 @@ class Config(Section):
         return self._source
 
     @property
-    def can_nodes(self) -> tuple[JointConfig | WheelConfig | ThrusterConfig, ...]:
+    def can_nodes(self) -> tuple[JointConfig | Actuator, ...]:
         """All CAN nodes: joints, wheels on a bus, then one thruster for each node with valves."""
         joints = (joint for joint in self.joints if joint.node_id is not None)
         nodes = {f"{thruster.bus}:{thruster.node_id}": thruster for thruster in self.thrusters}
@@ -120,9 +121,15 @@ class Config(Section):
         return (*joints, *wheels, *nodes.values())
 
     @property
-    def devices(self) -> dict[str, tuple[WheelConfig | ThrusterConfig | WrenchSensorConfig, ...]]:
+    def actuators(self) -> dict[str, tuple[Actuator, ...]]:
+        """All actuators of the base, by section; no empty ones."""
+        return {section: own for section in ACTUATORS if (own := getattr(self, section))}
+
+    @property
+    def devices(self) -> dict[str, tuple[Actuator | WrenchSensorConfig, ...]]:
         """All devices with channels of their own besides joints, by section; no empty ones."""
-        return {section: own for section in DEVICES if (own := getattr(self, section))}
+        own = {"wrench_sensors": self.wrench_sensors} if self.wrench_sensors else {}
+        return {**self.actuators, **own}
 
     def as_read(self) -> Self:
         """Return the configuration that `source` states, without later changes."""
@@ -228,7 +235,7 @@ class Config(Section):
             if joint.format == "fd" and not names[joint.bus].fd:
                 raise ValueError(f"joints.{i}.format: 'fd' needs buses.{joint.bus}.fd: true")
         feeds_go_with(self.buses, _bus_devices(self))
-        descriptions_go_with(self.buses, self.joints, (*self.wheels, *self.thrusters))
+        descriptions_go_with(self.buses, self.joints, _placed(self.actuators))
         rates_hz = {name: bus.rate_hz for name, bus in names.items()}
         wheels_go_with(self.wheels, rates_hz)
         wrench_sensors_go_with(self.wrench_sensors, self.estimator.method)
@@ -265,7 +272,7 @@ class Config(Section):
 
 def _parts_are_unique(config: Config) -> None:
     """Raise ValueError if parts share a name or a node, or thrusters a valve of their node."""
-    for section in ("buses", "joints", "wheels", "thrusters", "modes"):
+    for section in ("buses", "joints", *ACTUATORS, "modes"):
         require_unique([part.name for part in getattr(config, section)], f"{section}.name")
     names = [*(j.name for j in config.joints), *(own.name for own in config.wrench_sensors)]
     require_unique(names, "wrench_sensors.name")
@@ -299,9 +306,12 @@ def _something_turns(config: Config) -> None:
 def _bus_devices(config: Config) -> dict[str, Any]:
     """Return all sections of devices that have a key `bus`, by the place of each."""
     sections: dict[str, Any] = {"imu": config.imu, "star_tracker": config.star_tracker}
-    for key in ("joints", "wheels", "thrusters"):
-        sections |= {f"{key}.{i}": part for i, part in enumerate(getattr(config, key))}
+    sections |= _placed({"joints": config.joints, **config.actuators})
     return {place: part for place, part in sections.items() if part is not None}
+
+
+def _placed(sections: Mapping[str, Sequence[Any]]) -> dict[str, Any]:
+    return {f"{key}.{i}": part for key, parts in sections.items() for i, part in enumerate(parts)}
 
 
 def _device(bus: BusConfig) -> str | None:

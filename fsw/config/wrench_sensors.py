@@ -30,7 +30,6 @@ class WrenchSensorConfig(Section):
     """
 
     width: ClassVar = 6  # values of a sample in axes S: force [N], moment about its origin [N m]
-    lasts: ClassVar = False  # it has a window's polynomial
     name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}$")]
     """its name in messages, and in the recording; not that of a joint"""
     rate_hz: Rate

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fsw.messages import Block
+from fsw.messages import CARRIED, Block
 
 LIMITS = {
     "q_rad": 1e4,
@@ -19,9 +19,7 @@ LIMITS = {
     "cov_acc": 1e12,
     "tau_products_nm2": 1e10,
     "imu_products": 1e10,
-    "wheel_nms": 1e6,
-    "wheel_nm": 1e5,
-    "cov_wheel": 1e12,
+    **dict(zip(CARRIED, (1e6, 1e5, 1e12), strict=True)),
     "edges": 1e3,
     "opened_s": 1e9,
     "walk_rad2": 1e8,

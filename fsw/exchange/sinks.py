@@ -12,8 +12,6 @@ from fsw.messages.findings import Stall
 Record = Mapping[str, Any]  # plain JSON values only
 JOINTS = "joints"  # all joints of all buses, if their samples come decoded
 IMU, STAR_TRACKER = "imu", "star_tracker"
-WHEELS = "wheels"  # all wheels, if their samples come decoded
-WRENCH_SENSORS = "wrench_sensors"  # likewise
 
 
 @dataclass(frozen=True, slots=True, eq=False)

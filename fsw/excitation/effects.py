@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from fsw.config import Config, OrbitConfig, Section
+from fsw.config.actuators import ACTUATORS
 from fsw.config.constants import EARTH_GRAVITY_PARAMETER_M3_S2
 from fsw.estimators.model.building import build_problem, joint_order
 from fsw.estimators.model.inertia import PARAMETERS
@@ -84,7 +85,7 @@ def undeclared(config: Config, problem: Problem) -> list[str]:
         if group.name not in kinds and group.applies_to(config)
     ]
     if config.base.motion == "free":
-        sections = ("wheels", "thrusters", "modes")
+        sections = (*ACTUATORS, "modes")
         found += [f"{name} ({name})" for name in sections if not getattr(config, name)]
         if config.estimator.outside_wrench == "ignore":
             found.append("contact of the target (estimator.outside_wrench)")

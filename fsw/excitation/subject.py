@@ -95,7 +95,7 @@ def build_subject(
         raise ConfigError(f"base.motion: {config.base.motion}; motions are planned for a free base")
     config = config.model_copy(update={"wrench_sensors": ()})  # plans count on joints and base
     model = RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
-    locked = config.model_copy(update={"modes": (), "wheels": (), "thrusters": ()})
+    locked = config.model_copy(update=dict.fromkeys(("modes", *config.actuators), ()))
     problem = build_problem(locked, model, exact=True)
     noise = noise_model(config, model)
     p = PARAMETERS * len(problem.unknown)

@@ -131,10 +131,10 @@ class Aligner:
         self._lag_ns = round(config.estimator.lag_s * 1e9)
         window_s, fill = config.estimator.window_s, config.estimator.min_fill_ratio
 
-        def channel(rate_hz: float, *, lasts: bool = False) -> _Channel:
+        def channel(rate_hz: float, *, one_is_enough: bool = False) -> _Channel:
             expected = rate_hz * window_s
             return _Channel(
-                min_count=1 if lasts else max(1, int(fill * expected)),
+                min_count=1 if one_is_enough else max(1, int(fill * expected)),
                 max_count=int(4 * expected) + 16,
                 freshness_ns=round(FRESHNESS_PERIODS / rate_hz * 1e9),
             )
@@ -145,10 +145,11 @@ class Aligner:
         self._joint_names = [joint.name for joint in config.joints[:n_joints]]
         self._gyro = _Bins(3, [channel(config.imu.rate_hz)])
         self._acc = _Bins(3, [channel(config.imu.rate_hz)])
-        self._devices = {
-            section: _Bins(own[0].width, [channel(k.rate_hz, lasts=k.lasts) for k in own])
-            for section, own in config.devices.items()
-        }
+        self._devices = {}
+        for section, own in config.devices.items():
+            acts = section in config.actuators  # whose earlier samples show the state too
+            channels = [channel(device.rate_hz, one_is_enough=acts) for device in own]
+            self._devices[section] = _Bins(own[0].width, channels)
         tracker = config.star_tracker
         self._attitude = _Bins(4, [channel(tracker.rate_hz if tracker else 1.0)])
         self._t0_ns: int | None = None

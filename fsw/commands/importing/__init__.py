@@ -9,9 +9,10 @@ from fsw.commands.importing.captures import Channel, can_capture, serial_capture
 from fsw.commands.importing.mapping import read_mapping
 from fsw.commands.importing.samples import sampled_channels
 from fsw.config import Config
+from fsw.drivers.sources.samples import DEVICE_SAMPLES
 from fsw.errors import ConfigError
 from fsw.exchange.recording import SAMPLED, SAMPLES
-from fsw.exchange.sinks import IMU, JOINTS, STAR_TRACKER, WHEELS, WRENCH_SENSORS
+from fsw.exchange.sinks import IMU, JOINTS, STAR_TRACKER
 from fsw.service.recorder import open_recording
 
 PAIRS = {"--can": "BUS=FILE", "--serial": "DEVICE=FILE", "--shift": "NAME=SECONDS"}
@@ -130,8 +131,8 @@ def _refuse_gaps(config: Config, channels: Sequence[Channel]) -> None:
     """Raise ConfigError if a configured sensor has no channel, or two, or an unknown one has."""
     topics = [channel.topic for channel in channels]
     sampled = {topic.removeprefix(SAMPLES) for topic in topics if topic.startswith(SAMPLES)}
-    parts = {JOINTS: config.joints, WHEELS: config.wheels, WRENCH_SENSORS: config.wrench_sensors}
-    known = {*_lines(config), *(name for name, own in parts.items() if own)}
+    devices = [name for name in DEVICE_SAMPLES if getattr(config, name)]
+    known = {*_lines(config), *devices, *[JOINTS] * bool(config.joints)}
     for line in sampled - known:
         raise ConfigError(f"--map: {line} is not in {config.name}")
     twice = {topic for topic in topics if topics.count(topic) > 1}
@@ -142,10 +143,8 @@ def _refuse_gaps(config: Config, channels: Sequence[Channel]) -> None:
     lines = [line for line in _lines(config) if line not in sampled]
     needed |= {f"/serial/{line}": f"--serial {line}=FILE" for line in lines}
     missing = [key for topic, key in needed.items() if topic not in topics]
-    if not buses and config.wheels and WHEELS not in sampled:
-        missing.append(WHEELS)
-    if config.wrench_sensors and WRENCH_SENSORS not in sampled:
-        missing.append(WRENCH_SENSORS)
+    on_bus = config.actuators if buses else ()
+    missing += [name for name in devices if name not in sampled and name not in on_bus]
     if missing:
         words = ", ".join(missing)
         raise ConfigError(f"{config.name} has sensors without a file: add {words}, or map them")

@@ -1,10 +1,10 @@
-"""Which signals of which messages a joint or a wheel uses: configuration meets descriptions."""
+"""Which signals of which messages a joint or an actuator uses: configuration meets descriptions."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import sqrt
 
-from fsw.config import BusConfig, Config, JointConfig, WheelConfig
+from fsw.config import BusConfig, Config, Describable, JointConfig
 from fsw.config.joints import TORQUE_STEP_NM
 from fsw.config.signals import (
     LINEAR,
@@ -19,7 +19,7 @@ from fsw.drivers.layout.files import read_messages, read_node
 from fsw.drivers.layout.signals import Message, Signal, faults
 from fsw.errors import ConfigError, brief
 
-Device = JointConfig | WheelConfig
+Device = JointConfig | Describable
 ROLES = 5
 POSITION, TORQUE, TIME, COUNTER, STATUS = range(ROLES)  # a speed is in place of a position
 ROLES_BY_NAME: dict[Role, int] = {
@@ -63,29 +63,14 @@ class Layout:
         return tuple({use.message.word: use.message for use in self.uses}.values())
 
 
-def layouts_of(config: Config, bus: BusConfig) -> dict[int, Layout]:
-    """Return the layouts of a bus's described joints, by index of the joint.
+def layouts_of(config: Config, bus: BusConfig, section: str = "joints") -> dict[int, Layout]:
+    """Return the layouts of a bus's described devices of a section, by index in it.
 
     Raises
     ------
     ConfigError with one line per fault.
     """
-    return _layouts(config, bus, "joints", config.joints)
-
-
-def wheel_layouts_of(config: Config, bus: BusConfig) -> dict[int, Layout]:
-    """Return the layouts of a bus's described wheels, by index of the wheel.
-
-    Raises
-    ------
-    ConfigError with one line per fault.
-    """
-    return _layouts(config, bus, "wheels", config.wheels)
-
-
-def _layouts(
-    config: Config, bus: BusConfig, section: str, devices: Sequence[Device]
-) -> dict[int, Layout]:
+    devices: Sequence[Device] = getattr(config, section)
     own = [(i, one) for i, one in enumerate(devices) if one.bus == bus.name]
     described = [(i, device) for i, device in own if device.driver == "described"]
     if not described:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw.config import BusConfig, JointConfig, WheelConfig
+from fsw.config import BusConfig, Describable, JointConfig
 from fsw.config.signals import BY_SYNC, TimingConfig
 from fsw.drivers.codecs.canopen import COB_SYNC
 from fsw.drivers.layout.joints import COUNTER, STATUS, TIME, Layout
@@ -52,7 +52,7 @@ class DescribedSamples:
     def __init__(
         self,
         bus: BusConfig,
-        devices: Sequence[JointConfig | WheelConfig],
+        devices: Sequence[JointConfig | Describable],
         layouts: Sequence[Layout],
         rates_hz: Sequence[float],
     ) -> None:
@@ -155,7 +155,7 @@ class DescribedSamples:
         return index, t_ns - self._late_ns[device]
 
 
-def timing_of(device: JointConfig | WheelConfig) -> TimingConfig:
+def timing_of(device: JointConfig | Describable) -> TimingConfig:
     """Return the timing of a described device."""
     if device.timing is None:
         raise ValueError(f"{device.name}: no timing")

@@ -49,6 +49,8 @@ class JointBusSource:
     lost if a SYNC after the joint's first accepted sample has no sample after 0.1 s.
     """
 
+    words: tuple[int, ...] = ()  # of frames that begin the grid of windows: a SYNC does
+
     def __init__(
         self,
         bus: BusConfig,

@@ -30,7 +30,7 @@ from fsw.messages.findings import Finding
 
 POSITION, TORQUE = "position_rad", "torque_nm"  # keys of values of joints, by name
 POSITION_M, FORCE_N = "position_m", "force_n"  # of prismatic joints; forces of wrench sensors too
-SPEED = "speed_rad_s"  # key of joints whose encoder gives no position, and of wheels, by name
+SPEED = "speed_rad_s"  # key of joints whose encoder gives no position, and of actuators, by name
 SPEED_M_S = "speed_m_s"  # of prismatic joints
 RATE, FORCE = "w_NS_S_rad_s", "f_NS_S_m_s2"
 QUATERNION = "q_xyzw"
@@ -179,6 +179,12 @@ def wrench_samples(sensors: Sequence[WrenchSensorConfig]) -> SampleSource:
         return DeviceSamples("wrench_sensors", stamps, received, sensor, wrench)
 
     return SampleSource(row, build, len(names))
+
+
+DEVICE_SAMPLES: Mapping[str, Callable[[Any], SampleSource]] = {
+    "wheels": wheel_samples,
+    "wrench_sensors": wrench_samples,
+}  # by section
 
 
 def imu_samples(config: ImuConfig) -> SampleSource:

@@ -45,6 +45,8 @@ class ThrusterBusSource:
 
     kind = "thrusters"
 
+    words: tuple[int, ...] = ()  # of frames that begin the grid of windows: a SYNC does
+
     def __init__(self, bus: BusConfig, thrusters: list[tuple[int, ThrusterConfig]]) -> None:
         self._nodes: dict[int, _Node] = {}
         for index, config in thrusters:

@@ -29,6 +29,8 @@ class WheelBusSource:
 
     kind = "wheels"
 
+    words: tuple[int, ...] = ()  # of frames that begin the grid of windows: a SYNC does
+
     def __init__(self, bus: BusConfig, wheels: list[tuple[int, WheelConfig]]) -> None:
         self._wheels = [config for _, config in wheels]
         self._indexes = np.array([index for index, _ in wheels], np.int64)

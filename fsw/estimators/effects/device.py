@@ -50,6 +50,7 @@ class Device:
     section : the list in the configuration
     gentle : values at times (k,) [s] of a window of a length [s] in which it works gently
     follow : what makes the devices' part of blocks; None: they are sensors of the arm
+    unplanned : what a planned motion leaves out, in words; the argument: whether anything fires
     along : noise-free samples of entry i in the window [start_ns, stop_ns) of a motion, from the
         times (k,) [ns] of its reports
     """
@@ -58,6 +59,7 @@ class Device:
     gentle: Callable[[Any, FloatArray, float], FloatArray]
     along: Callable[[Any, int, IntArray, tuple[int, int], Driven], Samples]
     follow: Callable[[Config], Follower] | None = None
+    unplanned: Callable[[bool], str] = lambda _fires: ""
 
     def followers(self, config: Config) -> list[Follower]:
         """Return what follows the devices of a configuration; empty if it has none."""

@@ -1,11 +1,14 @@
 """The effects in the order in which they act; a new effect is registered here."""
 
+from fsw.estimators.effects import thrusters, wheels
 from fsw.estimators.effects.friction import COULOMB, LOAD, VISCOUS
 from fsw.estimators.effects.motor_side import RIPPLE, ROTOR
 from fsw.estimators.effects.thrusters import THRUSTERS, switched
 from fsw.estimators.effects.wheels import WHEELS, carrier
 from fsw.estimators.effects.wrench_sensor import WRENCH_SENSORS
+from fsw.estimators.model import modes
 
 TORQUE_EFFECTS = (VISCOUS, COULOMB, LOAD, ROTOR, RIPPLE)
+WORDS = {"wheels": wheels.words, "modes": modes.words, "thrusters": thrusters.words}
 DEVICES = (WHEELS, THRUSTERS, WRENCH_SENSORS)
-__all__ = ["DEVICES", "TORQUE_EFFECTS", "carrier", "switched"]
+__all__ = ["DEVICES", "TORQUE_EFFECTS", "WORDS", "carrier", "switched"]

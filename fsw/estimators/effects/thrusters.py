@@ -80,4 +80,25 @@ def _follow(config: Config) -> Valves:
     return Valves(config.thrusters, switched(config, {}).tail_s)
 
 
-THRUSTERS = Device(section="thrusters", gentle=_opening, along=_fired, follow=_follow)
+def _unplanned(fires: bool) -> str:
+    if fires:
+        return "thrusters: limits of the base do not count what the firings move"
+    return "thrusters: counted without a firing; name them in `firings`"
+
+
+THRUSTERS = Device(
+    section="thrusters", gentle=_opening, along=_fired, follow=_follow, unplanned=_unplanned
+)
+
+
+def words(config: Config) -> list[str]:
+    """Return a line for each thruster, and a line on what the model contains."""
+    lines = []
+    for own in config.thrusters:
+        place, way = (" ".join(f"{x:.4g}" for x in v) for v in (own.p_B_m, own.direction_B))
+        lines.append(
+            f"{own.name}: {own.force_n:.4g} N +- {own.force_sigma_ratio:.1%} at [{place}] m along "
+            f"[{way}], delay {1e3 * own.delay_s:.3g} +- {1e3 * own.delay_sigma_s:.3g} ms, rise "
+            f"{1e3 * own.rise_s:.3g} +- {1e3 * own.rise_sigma_s:.3g} ms"
+        )
+    return [*lines, "modelled: force, delay and rise of each; propellant that leaves is not"]

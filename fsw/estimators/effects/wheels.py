@@ -45,7 +45,13 @@ def _at_rest(
     return t_ns, np.stack([still, np.where(own.torque == "none", np.nan, still)], axis=1)
 
 
-WHEELS = Device(section="wheels", gentle=_speeding_up, along=_at_rest, follow=WheelsMotion)
+WHEELS = Device(
+    section="wheels",
+    gentle=_speeding_up,
+    along=_at_rest,
+    follow=WheelsMotion,
+    unplanned=lambda _: "wheels: counted as if they stood still relative to the base",
+)
 
 
 def carrier(config: Config, places: Mapping[str, slice]) -> Carrier:
@@ -53,3 +59,18 @@ def carrier(config: Config, places: Mapping[str, slice]) -> Carrier:
     axes = np.array([wheel.axis_B for wheel in config.wheels]).reshape(-1, 3).T
     states = places.get(SCALE.name), places.get(DELAY.name)
     return Carrier(axes, *states, config.estimator.window_s)
+
+
+def words(config: Config) -> list[str]:
+    """Return a line for each wheel, and a line on what the model does not contain."""
+    lines = []
+    for wheel in config.wheels:
+        axis = " ".join(f"{x:.4g}" for x in wheel.axis_B)
+        most = wheel.inertia_kg_m2 * wheel.speed_limit_rad_s
+        torque = "speed" if wheel.torque == "none" else "speed and motor torque"
+        lines.append(
+            f"{wheel.name}: axis [{axis}], {wheel.inertia_kg_m2:.4g} kg m^2 "
+            f"+- {wheel.inertia_sigma_ratio:.1%}, {torque} at {wheel.rate_hz:g} Hz, at most "
+            f"{most:.4g} N m s and {wheel.torque_limit_nm:.4g} N m"
+        )
+    return [*lines, "mass and locked inertia of every wheel belong to base; imbalance is noise"]

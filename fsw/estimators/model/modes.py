@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from fsw.config import ModeConfig
+from fsw.config import Config, ModeConfig
 from fsw.estimators.model.inertia import PARAMETERS, frame_change, to_parameters
 from fsw.estimators.model.robot import Appended
 from fsw.messages import FloatArray
@@ -156,3 +156,21 @@ def _released(locked: Problem, modes: Sequence[ModeConfig]) -> Problem:
     U[: len(locked.pi_known), : locked.U.shape[1]] = locked.U
     U[:, locked.U.shape[1] :] = np.array(columns).T
     return replace(locked, model=locked.model.with_joints(joints), pi_known=whole, U=U)
+
+
+def words(config: Config) -> list[str]:
+    """Return a line for each mode with its declared values and the effect of leaving it out."""
+    lines = []
+    for mode in config.modes:
+        inertia, rate_rad_s = modal_inertia(mode), 2.0 * np.pi * mode.frequency_hz
+        is_panel = mode.kind == "panel"
+        size = f"{mode.mass_kg:.4g} kg" + f", {inertia:.4g} kg m^2 about its hinge" * is_panel
+        far, pull = ("rad", "N m") if is_panel else ("m", "N")
+        lines.append(
+            f"{mode.name}: {mode.kind}, {size} +- {mode.mass_sigma_ratio:.0%}, "
+            f"{mode.frequency_hz:.4g} Hz +- {mode.frequency_sigma_ratio:.0%}, damping ratio "
+            f"{mode.damping_ratio:.3g} +- {mode.damping_sigma_ratio:.0%}; left out, it would pull "
+            f"with {inertia * rate_rad_s**2 * mode.amplitude:.2g} {pull} at {mode.amplitude:.3g} "
+            f"{far} unexplained, and faster motions would miss its mass in base"
+        )
+    return [*lines, "at rest every mode belongs to base; stops and walls are not modelled"]

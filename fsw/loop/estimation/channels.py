@@ -7,31 +7,26 @@ import numpy as np
 
 from fsw.config import BusConfig, Config
 from fsw.drivers.codecs.canopen import COB_SYNC
-from fsw.drivers.layout.joints import layouts_of, wheel_layouts_of
+from fsw.drivers.layout.joints import layouts_of
 from fsw.drivers.sources import (
     DescribedBusSource,
-    DescribedWheelSource,
     FeedSource,
     ImuSource,
     JointBusSource,
     StarTrackerSource,
-    ThrusterBusSource,
-    WheelBusSource,
 )
+from fsw.drivers.sources.actuators import actuator_sources
 from fsw.drivers.sources.samples import (
+    DEVICE_SAMPLES,
     attitude_samples,
     imu_samples,
     joint_samples,
-    wheel_samples,
-    wrench_samples,
 )
 from fsw.drivers.wire import ByteChunk, FrameArray, joined, picked
 from fsw.exchange.sinks import (
     IMU,
     JOINTS,
     STAR_TRACKER,
-    WHEELS,
-    WRENCH_SENSORS,
     CanTraffic,
     SerialTraffic,
 )
@@ -40,11 +35,9 @@ from fsw.messages import Samples
 from fsw.messages.findings import Finding
 from fsw.scheduler.align import Aligner
 
-_TAILORED = (JointBusSource, WheelBusSource, ThrusterBusSource)
-
 
 class BusChannel:
-    """Decodes the frames of the joints, wheels and thrusters of one bus."""
+    """Decodes the frames of the joints and actuators of one bus."""
 
     def __init__(self, config: Config, bus: BusConfig) -> None:
         joints = [
@@ -52,10 +45,6 @@ class BusChannel:
             for i, joint in enumerate(config.joints)
             if joint.bus == bus.name and joint.driver != "samples"
         ]
-        wheels = [(i, own) for i, own in enumerate(config.wheels) if own.bus == bus.name]
-        described = wheel_layouts_of(config, bus)
-        foreign = [(i, own) for i, own in wheels if i in described]
-        wheels = [(i, own) for i, own in wheels if i not in described]
         self.name = bus.name
         layouts = layouts_of(config, bus)
         self.source: JointBusSource | DescribedBusSource
@@ -63,14 +52,9 @@ class BusChannel:
             self.source = DescribedBusSource(bus, joints, layouts, config.health)
         else:
             self.source = JointBusSource(bus, joints, config.health)
-        thrusters = [(i, own) for i, own in enumerate(config.thrusters) if own.bus == bus.name]
-        self.others: list[WheelBusSource | DescribedWheelSource | ThrusterBusSource] = []
-        self.others += [WheelBusSource(bus, wheels)] if wheels else []
-        self.others += [DescribedWheelSource(bus, foreign, described)] if foreign else []
-        parts = [part for part in (self.source, *self.others) if not isinstance(part, _TAILORED)]
-        words = [word for part in parts for word in part.words]
+        self.others = actuator_sources(config, bus)
+        words = [word for part in (self.source, *self.others) for word in part.words]
         self._starts = words if bus.sync == "none" else [COB_SYNC]  # begin the grid of windows
-        self.others += [ThrusterBusSource(bus, thrusters)] if thrusters else []
         self._waiting: list[FrameArray] = []
 
     @property
@@ -246,12 +230,9 @@ def channels_of(config: Config, sampled: Collection[str]) -> dict[str, Channel]:
             BusChannel(config, bus) if bus.feed is None else FeedChannel(config, bus)
             for bus in config.buses
         ]
-    if WHEELS in sampled:
-        found.append(LineChannel(WHEELS, wheel_samples(config.wheels), is_sampled=True))
-    if WRENCH_SENSORS in sampled:
-        found.append(
-            LineChannel(WRENCH_SENSORS, wrench_samples(config.wrench_sensors), is_sampled=True)
-        )
+    for name, source_of in DEVICE_SAMPLES.items():
+        if name in sampled:
+            found.append(LineChannel(name, source_of(getattr(config, name)), is_sampled=True))
     imu, tracker, health = config.imu, config.star_tracker, config.health
     if IMU in sampled:
         starts = not config.joints

@@ -32,19 +32,19 @@ def seven_joints(arm, rate_hz, **bus):
 def test_seven_classic_joints_load_the_bus_as_counted_by_hand(arm, rate_hz, percent):
     # per cycle: SYNC 65 bits, 7 TPDO1 of 135, 7 TPDO2 of 135 in every tenth
     config = seven_joints(arm, rate_hz)
-    load_ratio = budget.bus_load(config.buses[0], config.joints)
+    load_ratio = budget.bus_load(config, config.buses[0])
     assert 100 * load_ratio == pytest.approx(percent, abs=0.1)
 
 
 def test_seven_fd_joints_at_one_kilohertz_fit(arm):
     config = seven_joints(arm, 1000.0, fd=True, bitrate=1_000_000, data_bitrate=5_000_000)
-    assert 0.55 < budget.bus_load(config.buses[0], config.joints) < 0.70
+    assert 0.55 < budget.bus_load(config, config.buses[0]) < 0.70
 
 
 def test_joints_of_another_bus_do_not_count(arm):
     config = load(arm.write())
     other = config.buses[0].model_copy(update={"name": "other"})
-    assert budget.bus_load(other, config.joints) == pytest.approx(65e-6 * 250)
+    assert budget.bus_load(config, other) == pytest.approx(65e-6 * 250)
 
 
 def test_delays_add_up(arm):

@@ -94,5 +94,5 @@ def test_many_joints_are_spread_over_buses(tmp_path, monkeypatch, joints, rate_h
     assert main(["check", str(tmp_path / "robot.yaml")]) == 0
     config = load(tmp_path / "robot.yaml")
     assert {joint.bus for joint in config.joints} == {bus.name for bus in config.buses}
-    assert max(budget.bus_load(bus, config.joints) for bus in config.buses) <= HIGH_LOAD
+    assert max(budget.bus_load(config, bus) for bus in config.buses) <= HIGH_LOAD
     assert len({joint.node_id for joint in config.joints}) == joints
