@@ -58,7 +58,7 @@ def test_a_valve_that_stays_open_is_one_edge_long_ago_and_its_time_counts() -> N
     (edge,) = found["edges"][found["edges"][:, 2] != 0]
     assert edge[2] == 1.0
     assert edge[1] < -0.2 - 20 * 0.01  # settled before the window
-    found, _ = own.at([channel(9, start=1.0)], 9 * W, 10 * W)  # windows were not looked at
+    found, _ = own.found([channel(9, start=1.0)], 9 * W, 10 * W)  # windows were not looked at
     assert found is not None
     assert found["opened_s"] == pytest.approx([3.5])
 
