@@ -154,8 +154,8 @@ class TimingConfig(Section):
     """How a joint's samples get their time of validity."""
 
     by: Literal["echoed_counter", "last_sync", "request", "arrival", "device_time", "time"]
-    """what gives a sample its time: the counter of SYNC that it echoes; the last SYNC, or `request`
-    of another master, before its frame; the frame's arrival, by the line under all arrivals; the
+    """what gives a sample its time: the counter of SYNC that it echoes; the SYNC, or `request` of
+    another master, that its frame answers; the frame's arrival, by the line under all arrivals; the
     device's own time in the sample; the time of day in the sample, on the clock of TIME (0x100)"""
     requests: Annotated[tuple[Identifier, ...], Field(max_length=16)] = ()
     """by `request`: identifiers of the frames that ask the device; those above 0x7FF have 29 bits
@@ -166,7 +166,7 @@ class TimingConfig(Section):
     delay_s: Delay = 0.0
     """from validity to the stamp of SYNC or request, or to sending; by `time`: to the time sent"""
     latest_s: Duration | None = None
-    """by `last_sync` and `request`: a frame later than this answers none that is known; by `time`:
+    """by `last_sync` and `request`: a frame that comes later is rejected; by `time`:
     an older sample is rejected; null: 0.9 periods, by `time` 1 s"""
     spread_s: Duration | None = None
     """longest time between the frames of one sample; null: half a period"""

@@ -2,7 +2,6 @@
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,7 +15,8 @@ TIME_BYTES = 6  # milliseconds after midnight, of which 28 bits count; days sinc
 TIME_BITS = 47 + 8 * TIME_BYTES  # of its frame, without stuff bits
 DAY_MS = 86_400_000
 TICK_S = 1e-3  # of TIME
-HELD = 64  # cues that are remembered over a batch
+HELD = 256  # cues that are remembered over a batch
+FOREVER_NS = 1 << 62
 OLD_NS = 60_000_000_000  # a TIME that is older gives no sample a time
 
 
@@ -38,27 +38,22 @@ class Cues:
         self._stamps_ns = np.concatenate([self._stamps_ns[-HELD:], t_ns])
         self.count += len(t_ns)
 
-    def last(self, t_ns: IntArray) -> tuple[IntArray, IntArray]:
-        """Return number and stamp of the last cue before each of the times (k,); REFUSED: none."""
-        if not self._stamps_ns.size:
-            return np.full(len(t_ns), REFUSED), t_ns
+    def last(self, t_ns: IntArray) -> IntArray:
+        """Return the number of the last cue before each of the times (k,); REFUSED: none."""
         at = np.searchsorted(self._stamps_ns, t_ns) - 1
-        number = np.where(at >= 0, self.count - len(self._stamps_ns) + at, REFUSED)
-        return number, self._stamps_ns[np.maximum(at, 0)]
+        return np.where(at >= 0, self.count - len(self._stamps_ns) + at, REFUSED)
 
+    def stamps_ns(self, number: IntArray) -> IntArray:
+        """Return the stamps of cues by number (k,); 0: of none."""
+        if not self._stamps_ns.size:
+            return np.zeros(len(number), np.int64)
+        first = self.count - len(self._stamps_ns)
+        return np.where(number < 0, 0, self._stamps_ns[np.maximum(number - first, 0)])
 
-@dataclass(frozen=True, slots=True)
-class ByCue:
-    """Samples that are measured at a cue, and sent until `latest_ns` after it."""
-
-    cues: Cues
-    latest_ns: int
-
-    def stamps(self, t_ns: IntArray, device: FloatArray) -> tuple[IntArray, IntArray]:
-        """Accept the next samples; return numbers and times of validity. `device` has no use."""
-        del device
-        number, stamp_ns = self.cues.last(t_ns)
-        return np.where(t_ns - stamp_ns <= self.latest_ns, number, REFUSED), stamp_ns
+    def first_ns(self, t_ns: int) -> int:
+        """Return the stamp of the first cue at or after a time; FOREVER_NS: none so far."""
+        at = int(np.searchsorted(self._stamps_ns, t_ns))
+        return int(self._stamps_ns[at]) if at < len(self._stamps_ns) else FOREVER_NS
 
 
 class ByTime:

@@ -10,9 +10,10 @@ from fsw.config import BusConfig, Describable, JointConfig
 from fsw.config.signals import BY_SYNC, TimingConfig
 from fsw.drivers.codecs.canopen import COB_SYNC
 from fsw.drivers.layout.joints import COUNTER, STATUS, TIME, Layout
-from fsw.drivers.sources.cues import COB_TIME, TIME_BITS, ByCue, ByTime, Cues, time_objects
+from fsw.drivers.sources.cues import COB_TIME, TIME_BITS, ByTime, Cues, time_objects
 from fsw.drivers.sources.described_frames import FrameReader
 from fsw.drivers.sources.groups import Groupings
+from fsw.drivers.sources.replies import Answered, Replies, answered
 from fsw.drivers.sources.sync import UNKNOWN, SyncHistory, history_of
 from fsw.drivers.sources.validity import (
     ASSUMED_BITRATE,
@@ -24,7 +25,9 @@ from fsw.drivers.sources.validity import (
 from fsw.drivers.wire import EFF_FLAG, SFF_MASK, FrameArray
 from fsw.messages import FloatArray, IntArray
 
-LATEST_RATIO = 0.9  # of a period: a later frame is not of the last SYNC
+LATEST_RATIO = 0.9  # of a period: a sample later after its cue is refused
+BY_CUE = ("last_sync", "request")
+EACH = 1.5  # cues a period: a device with fewer answers each of them
 SPREAD_RATIO = 0.5  # of a period between the frames of one sample
 LATEST_S = 1.0  # age of a sample by the time of day that it holds
 
@@ -75,12 +78,17 @@ class DescribedSamples:
         self._cues = {timing.requests: Cues(_words(timing)) for timing in timings}
         self._cues |= {(): self._sync_cues}
         self._validity = [
-            _validity_of(bus, timing, layout, self._cues[timing.requests], period_s)
-            for timing, layout, period_s in own
+            _validity_of(bus, timing, layout, period_s) for timing, layout, period_s in own
         ]
-        first = self._validity[0]
-        alike = all(own == first for own in self._validity)
-        self._common = first if alike and isinstance(first, ByCue) else None
+        each = np.array([period_s * bus.rate_hz < EACH for _, _, period_s in own])
+        latest_s = [timing.latest_s or LATEST_RATIO * period_s for timing, _, period_s in own]
+        latest_ns = np.round(np.array(latest_s) * 1e9).astype(np.int64)
+        kinds = [timing.requests if timing.by in BY_CUE else None for timing in timings]
+        self._replies = [
+            Replies(cues, np.array([kind == requests for kind in kinds]), latest_ns, each)
+            for requests, cues in self._cues.items()
+            if requests in kinds
+        ]
         self._by_time = [own for own in self._validity if isinstance(own, ByTime)]
         statuses = [(device.signals or {}).get("status") for device in devices]
         self._mask = np.array([(use and use.mask) or 0 for use in statuses])
@@ -123,7 +131,9 @@ class DescribedSamples:
         for place, t_ns in zip(device[ends].tolist(), arrivals.t_ns[ends].tolist(), strict=True):
             self.heard_ns[place] = t_ns
         device, group = self._groups.feed(device, arrivals)
-        index, times_ns = self._times(device, group.sent_ns, group.sent_row, group.values)
+        samples = answered(self._replies, device, group)
+        index, times_ns = self._times(samples)
+        device, group = samples.device, samples.group
         raw = group.values[:, STATUS]
         status = np.nan_to_num(raw).astype(np.int64)
         is_good = status & self._mask[device] == self._wanted[device]
@@ -131,14 +141,10 @@ class DescribedSamples:
         timed = Timed(device, index, times_ns, group.done_ns, group.values, status, is_good)
         return timed, short, int(len(words) - np.count_nonzero(is_own))
 
-    def _times(
-        self, device: IntArray, sent_ns: IntArray, sent_row: IntArray, values: FloatArray
-    ) -> tuple[IntArray, IntArray]:
+    def _times(self, samples: Answered) -> tuple[IntArray, IntArray]:
         """Return the running index of every sample, UNKNOWN if it has no time, and its time."""
-        if self._common is not None:
-            index, t_ns = self._common.stamps(sent_ns, values[:, TIME])
-            return index, t_ns - self._late_ns[device]
-        index, t_ns = np.full(len(device), UNKNOWN), sent_ns.copy()
+        device, group, index, t_ns = samples
+        sent_ns, sent_row, values = group.sent_ns, group.sent_row, group.values
         if (own := self._echoes[device]).any():
             counters = np.nan_to_num(values[own, COUNTER]).astype(np.int64)
             rows = np.maximum(sent_row[own], 0)
@@ -168,9 +174,9 @@ def _words(timing: TimingConfig) -> list[int]:
 
 
 def _validity_of(
-    bus: BusConfig, timing: TimingConfig, layout: Layout, cues: Cues, period_s: float
+    bus: BusConfig, timing: TimingConfig, layout: Layout, period_s: float
 ) -> Validity | None:
-    """Return what gives a device's samples their times; None: the counter that they echo."""
+    """Return what gives a device's samples their times; None: a cue."""
     ppm, wire_ns = timing.clock_tolerance_ppm, wire_s(layout.messages[0], bus) * 1e9
     if timing.by == "arrival":
         return ByArrival(period_s, ppm, wire_ns)
@@ -180,6 +186,4 @@ def _validity_of(
     if timing.by == "time" and time is not None:
         told_ns = 1e9 * TIME_BITS / (bus.bitrate or ASSUMED_BITRATE)
         return ByTime(time.factor, period_s, ppm, told_ns, timing.latest_s or LATEST_S)
-    if timing.by in ("last_sync", "request"):
-        return ByCue(cues, round((timing.latest_s or LATEST_RATIO * period_s) * 1e9))
     return None

@@ -31,6 +31,11 @@ class Group(NamedTuple):
     done_ns: IntArray  # stamp of the last frame of the sample
     values: FloatArray
 
+    def part(self, rows: NDArray[np.intp] | NDArray[np.bool_]) -> "Group":
+        """Return some of the samples."""
+        sent_ns, sent_row, done_ns, values = self
+        return Group(sent_ns[rows], sent_row[rows], done_ns[rows], values[rows])
+
 
 class Groupings:
     """Puts the frames of all joints of a bus together.
