@@ -16,7 +16,7 @@ from fsw.commands.replay_result import ReplayResult
 from fsw.commands.span import WHOLE, Span
 from fsw.commands.unused import missed, unused_lines
 from fsw.config import Config
-from fsw.drivers.sources.samples import DEVICE_SAMPLES
+from fsw.drivers.sources.devices import DEVICE_SAMPLES
 from fsw.drivers.wire import NO_FRAMES, ByteChunk, FrameArray, joined
 from fsw.errors import WRONG_CONTENT, ConfigError, brief
 from fsw.estimators.pipeline import Pipeline

@@ -176,7 +176,7 @@ class Block:
     wheel_nm: FloatArray = field(default_factory=_no_wheels)  # (m, k) derivative of the momentum
     cov_wheel: FloatArray = field(default_factory=_no_noise)  # (k, 2 m, 2 m) of both at the nodes
     # valves of K thrusters; empty without thrusters
-    edges: FloatArray = field(default_factory=_no_wheels)  # (MOST_EDGES, 3), see estimators/valves
+    edges: FloatArray = field(default_factory=_no_wheels)  # (MOST_EDGES, 3), see effects/switched
     opened_s: FloatArray = field(default_factory=_no_times)  # (K,) open time up to window start
     # (n,) variance of integrated joint angles' error at the window's start; empty: no such joint
     walk_rad2: FloatArray = field(default_factory=_no_times)

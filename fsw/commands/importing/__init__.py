@@ -9,7 +9,7 @@ from fsw.commands.importing.captures import Channel, can_capture, serial_capture
 from fsw.commands.importing.mapping import read_mapping
 from fsw.commands.importing.samples import sampled_channels
 from fsw.config import Config
-from fsw.drivers.sources.samples import DEVICE_SAMPLES
+from fsw.drivers.sources.devices import DEVICE_SAMPLES
 from fsw.errors import ConfigError
 from fsw.exchange.recording import SAMPLED, SAMPLES
 from fsw.exchange.sinks import IMU, JOINTS, STAR_TRACKER

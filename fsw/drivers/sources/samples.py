@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from fsw.config import Config, ImuConfig, StarTrackerConfig, WheelConfig, WrenchSensorConfig
+from fsw.config import Config, ImuConfig, StarTrackerConfig, WrenchSensorConfig
 from fsw.drivers.codecs.imu_datagram import STANDARD_GRAVITY_M_S2
 from fsw.drivers.sources.counters import Counters
 from fsw.drivers.sources.joint_calibration import Calibration
@@ -128,31 +128,6 @@ def joint_samples(config: Config) -> SampleSource:
     return SampleSource(row, build, n)
 
 
-def wheel_samples(wheels: Sequence[WheelConfig]) -> SampleSource:
-    """Return the source of all reaction wheels: speeds [rad/s] by name of the wheel."""
-    names, n = [wheel.name for wheel in wheels], len(wheels)
-    limits = np.array([wheel.speed_limit_rad_s for wheel in wheels])
-    delays_ns = np.array([round(wheel.delay_s * 1e9) for wheel in wheels], np.int64)
-
-    def row(message: Mapping[str, Any]) -> list[float]:
-        return [float(message[SPEED].get(name, np.nan)) for name in names]
-
-    def build(t_ns: IntArray, t_receive_ns: IntArray, values: FloatArray) -> DeviceSamples:
-        wheel, stamps = np.tile(np.arange(n), len(t_ns)), np.repeat(t_ns, n)
-        speed = values.reshape(-1)
-        good = np.abs(speed) <= limits[wheel]
-        wheel, stamps, speed = wheel[good], stamps[good], speed[good]
-        return DeviceSamples(
-            section="wheels",
-            t_ns=stamps - delays_ns[wheel],
-            t_receive_ns=np.repeat(t_receive_ns, n)[good],
-            device=wheel,
-            values=np.column_stack([speed, np.full(len(speed), np.nan)]),
-        )
-
-    return SampleSource(row, build, n)
-
-
 def wrench_samples(sensors: Sequence[WrenchSensorConfig]) -> SampleSource:
     """Return the source of all wrench sensors: lists of x, y, z by name of the sensor [N, N m]."""
     names = [sensor.name for sensor in sensors]
@@ -179,12 +154,6 @@ def wrench_samples(sensors: Sequence[WrenchSensorConfig]) -> SampleSource:
         return DeviceSamples("wrench_sensors", stamps, received, sensor, wrench)
 
     return SampleSource(row, build, len(names))
-
-
-DEVICE_SAMPLES: Mapping[str, Callable[[Any], SampleSource]] = {
-    "wheels": wheel_samples,
-    "wrench_sensors": wrench_samples,
-}  # by section
 
 
 def imu_samples(config: ImuConfig) -> SampleSource:

@@ -1,5 +1,6 @@
 """Reaction wheel nodes of one CAN bus: frames to samples, timed by the SYNC they echo."""
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,9 +10,10 @@ from fsw.config import BusConfig, WheelConfig
 from fsw.drivers.codecs import canopen
 from fsw.drivers.layout.shipped import READ_WHEEL, READ_WHEEL_SLOW, WHEEL, WHEEL_SLOW
 from fsw.drivers.sources.counters import Counters
+from fsw.drivers.sources.samples import SPEED, SampleSource
 from fsw.drivers.sources.sync import history_of
 from fsw.drivers.wire import FrameArray, Reject
-from fsw.messages import DeviceSamples, IntArray
+from fsw.messages import DeviceSamples, FloatArray, IntArray
 from fsw.messages.findings import Fault, Finding
 
 SILENT_REPORTS = 5.0  # a wheel without a report for longer than this many periods is silent
@@ -141,3 +143,28 @@ class WheelBusSource:
                 own["temperature_degc"] = self._temperature_degc[place]
             values[config.name] = own
         return values
+
+
+def wheel_samples(wheels: Sequence[WheelConfig]) -> SampleSource:
+    """Return the source of all reaction wheels: speeds [rad/s] by name of the wheel."""
+    names, n = [wheel.name for wheel in wheels], len(wheels)
+    limits = np.array([wheel.speed_limit_rad_s for wheel in wheels])
+    delays_ns = np.array([round(wheel.delay_s * 1e9) for wheel in wheels], np.int64)
+
+    def row(message: Mapping[str, Any]) -> list[float]:
+        return [float(message[SPEED].get(name, np.nan)) for name in names]
+
+    def build(t_ns: IntArray, t_receive_ns: IntArray, values: FloatArray) -> DeviceSamples:
+        wheel, stamps = np.tile(np.arange(n), len(t_ns)), np.repeat(t_ns, n)
+        speed = values.reshape(-1)
+        good = np.abs(speed) <= limits[wheel]
+        wheel, stamps, speed = wheel[good], stamps[good], speed[good]
+        return DeviceSamples(
+            section="wheels",
+            t_ns=stamps - delays_ns[wheel],
+            t_receive_ns=np.repeat(t_receive_ns, n)[good],
+            device=wheel,
+            values=np.column_stack([speed, np.full(len(speed), np.nan)]),
+        )
+
+    return SampleSource(row, build, n)

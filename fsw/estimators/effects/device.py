@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from fsw.config import Config
+from fsw.estimators.model.state_group import StateGroup
 from fsw.messages import FloatArray, IntArray, Window
 from fsw.messages.findings import Finding
 
@@ -49,6 +50,7 @@ class Device:
     ----------
     section : the list in the configuration
     gentle : values at times (k,) [s] of a window of a length [s] in which it works gently
+    groups : of states that are part of the table beside one another
     follow : what makes the devices' part of blocks; None: they are sensors of the arm
     unplanned : what a planned motion leaves out, in words; the argument: whether anything fires
     along : noise-free samples of entry i in the window [start_ns, stop_ns) of a motion, from the
@@ -58,6 +60,7 @@ class Device:
     section: str
     gentle: Callable[[Any, FloatArray, float], FloatArray]
     along: Callable[[Any, int, IntArray, tuple[int, int], Driven], Samples]
+    groups: tuple[StateGroup, ...] = ()
     follow: Callable[[Config], Follower] | None = None
     unplanned: Callable[[bool], str] = lambda _fires: ""
 

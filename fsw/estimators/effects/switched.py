@@ -20,7 +20,6 @@ from math import factorial
 import numpy as np
 from numpy.polynomial import legendre
 
-from fsw.estimators.valves import changes
 from fsw.messages import Block, FloatArray
 
 LEAST_RISE_RATIO = 0.1  # least rise time over the configured one, at states far from their prior
@@ -122,6 +121,15 @@ class Switched:
         if self.of_rise is not None:
             J[:, :, self.of_rise] = scaled * u[2][:, None]
         return u[0] @ scaled.T, J
+
+
+def changes(edges: FloatArray, tail_s: FloatArray, start_s: float) -> bool:
+    """Return whether a force changes after start_s; the channels then are no polynomials.
+
+    `tail_s` (K,): time from a change of a valve to the settled force [s].
+    """
+    used = edges[edges[:, 2] != 0.0]
+    return bool(np.any(used[:, 1] + tail_s[used[:, 0].astype(np.intp)] > start_s))
 
 
 @lru_cache(maxsize=8)

@@ -3,7 +3,7 @@
 The prior of an unknown body is a Gaussian of its mass, centre of mass and central inertia. The
 state holds first and second moments, which are products of these. The same prior is therefore not
 Gaussian in the state, and its linearisation at the prior's mean holds only near that mean. Where
-only thrusters give a scale, the data leave one direction to the prior: a common factor on mass and
+only jets give a scale, the data leave one direction to the prior: a common factor on mass and
 inertia. A linearisation at a mean 40 % off then acts as if that factor were known. So the prior is
 linearised at the estimate, as the rows of the data are.
 

@@ -5,7 +5,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from fsw.config import Config
-from fsw.estimators.effects import friction, motor_side, thrusters, wheels, wrench_sensor
+from fsw.estimators.effects import friction, motor_side, wrench_sensor
+from fsw.estimators.effects.registered import DEVICES
 from fsw.estimators.model.state_group import Setting, Spread, StateGroup, per_joint
 from fsw.estimators.model.walks import LEAST_RAD2
 
@@ -206,11 +207,7 @@ GROUPS = (
     ),
     friction.COULOMB.group,
     friction.VISCOUS.group,
-    wheels.SCALE,
-    wheels.DELAY,
-    thrusters.FORCE,
-    thrusters.DELAY,
-    thrusters.RISE,
+    *(group for kind in DEVICES for group in kind.groups),
     StateGroup(  # see `Walks`
         name="joint_walk",
         effect="walks of integrated angles",

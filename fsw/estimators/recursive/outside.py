@@ -1,7 +1,7 @@
 """Wrenches from outside that nothing declares: unknown firings, and contact of the target.
 
 With the measured rate, the torque and specific force of a block do not depend on momentum. If noise
-does not explain them, a wrench that is free at every node is fitted: on the base, as of a thruster
+does not explain them, a wrench that is free at every node is fitted: on the base, as of a jet
 that nobody reported, or on the target, as of a contact. The two are distinguishable: a wrench on
 the base loads joints only by the base's acceleration, which is measured. The momentum that a wrench
 adds is unknown: rates are used as measured until the recursion has found a new momentum, or for

@@ -55,7 +55,7 @@ def to_information(values: Values) -> SquareRootInformation:
 
 
 def from_impulse(impulse: Impulse | None) -> dict[str, Any] | None:
-    """Return an impulse as plain values, with thrusters and modes only if there are any."""
+    """Return an impulse as plain values, with firings and modes only if there are any."""
     if impulse is None:
         return None
     fired = ("fired_s",) if isinstance(impulse.fired_s, np.ndarray) else ()

@@ -15,9 +15,8 @@ from fsw.drivers.sources import (
     JointBusSource,
     StarTrackerSource,
 )
-from fsw.drivers.sources.actuators import actuator_sources
+from fsw.drivers.sources.devices import DEVICE_SAMPLES, actuator_sources
 from fsw.drivers.sources.samples import (
-    DEVICE_SAMPLES,
     attitude_samples,
     imu_samples,
     joint_samples,

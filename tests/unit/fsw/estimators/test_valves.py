@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fsw.config import ThrusterConfig
-from fsw.estimators.valves import Valves
+from fsw.estimators.effects.thrusters import Valves
 from fsw.messages import ChannelWindow
 from tests.support.thruster_cases import thruster_settings
 

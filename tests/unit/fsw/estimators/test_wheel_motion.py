@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fsw.estimators.effects.wheels import Turn, WheelMotion
 from fsw.estimators.polynomial import NodeFit, gauss_nodes
-from fsw.estimators.wheel_motion import Turn, WheelMotion
 from fsw.estimators.window_fit import Instants
 from fsw.messages import ChannelWindow
 from tests.support.wheel_cases import INERTIA_KG_M2, wheel_config

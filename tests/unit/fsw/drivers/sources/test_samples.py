@@ -12,8 +12,8 @@ from fsw.drivers.sources.samples import (
     attitude_samples,
     imu_samples,
     joint_samples,
-    wheel_samples,
 )
+from fsw.drivers.sources.wheels import wheel_samples
 from fsw.drivers.wire import ByteChunk
 from tests.support.import_cases import robot
 from tests.support.wheel_cases import wheel_config

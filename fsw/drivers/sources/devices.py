@@ -1,11 +1,19 @@
-"""Sources of the actuators of one bus."""
+"""Sources of devices of the base and of wrench sensors, by section of the configuration."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
 
 from fsw.config import BusConfig, Config
 from fsw.drivers.layout.joints import layouts_of
 from fsw.drivers.sources.described_wheels import DescribedWheelSource
+from fsw.drivers.sources.samples import SampleSource, wrench_samples
 from fsw.drivers.sources.thrusters import ThrusterBusSource
-from fsw.drivers.sources.wheels import WheelBusSource
+from fsw.drivers.sources.wheels import WheelBusSource, wheel_samples
 
+DEVICE_SAMPLES: Mapping[str, Callable[[Any], SampleSource]] = {
+    "wheels": wheel_samples,
+    "wrench_sensors": wrench_samples,
+}  # of samples that another program decoded
 ActuatorSource = WheelBusSource | DescribedWheelSource | ThrusterBusSource
 
 
