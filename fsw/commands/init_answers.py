@@ -17,7 +17,8 @@ T = TypeVar("T")
 class Ask:
     """Returns the value of a flag, or asks for it if stdin is a terminal.
 
-    If it is none, `missing` names the flags that are missing, and a stand-in goes on for each.
+    Where stdin is no terminal, a flag that is missing is noted in `missing`, and its default or
+    stand-in is returned, so that all that are missing are found.
     """
 
     def __init__(self, arguments: argparse.Namespace) -> None:

@@ -44,11 +44,11 @@ class Cues:
         return np.where(at >= 0, self.count - len(self._stamps_ns) + at, REFUSED)
 
     def stamps_ns(self, number: IntArray) -> IntArray:
-        """Return the stamps of cues by number (k,); 0: of none."""
+        """Return the stamps of cues by number (k,); 0: of none, or of one that is forgotten."""
         if not self._stamps_ns.size:
             return np.zeros(len(number), np.int64)
-        first = self.count - len(self._stamps_ns)
-        return np.where(number < 0, 0, self._stamps_ns[np.maximum(number - first, 0)])
+        at = number - (self.count - len(self._stamps_ns))
+        return np.where(at < 0, 0, self._stamps_ns[np.maximum(at, 0)])
 
     def first_ns(self, t_ns: int) -> int:
         """Return the stamp of the first cue at or after a time; FOREVER_NS: none so far."""

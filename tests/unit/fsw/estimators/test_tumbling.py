@@ -34,11 +34,11 @@ from tests.support.estimator_cases import (
     true_block,
     wrong,
 )
+from tests.support.slopes import assert_state_slopes
 from tests.support.truth_cases import stand_in
 
 RATE_RAD_S = (0.03, -0.02, 0.05)  # 3.5 deg/s
 BLOCKS = 60
-FIELDS = {"tau_nm": "J_tau", "f_m_s2": "J_f", "w_rad_s": "J_w"}
 
 
 @cache
@@ -105,17 +105,14 @@ def test_state_jacobians_at_much_momentum_are_the_derivatives(seed: int, rate: A
     x[20:] = 0.1 * np.random.default_rng(seed).normal(size=len(x) - 20)
     x[problem.at("momentum")] = [60.0, -40.0, 150.0]
     block = random_block(seed)
-    found = predict(block, x, problem, rate)
-    for k in range(len(x)):
-        h = 1e-4 * max(1.0, abs(x[k]))
-        d = h * np.eye(len(x))[k]
-        up, down = predict(block, x + d, problem, rate), predict(block, x - d, problem, rate)
-        for name, jacobian in FIELDS.items():
-            expected = (getattr(up, name) - getattr(down, name)) / (2 * h)
-            got = getattr(found, jacobian)[:, :, k]
-            rounding = 1e-13 * np.abs(getattr(up, name)).max() / h
-            bound = 1e-6 * np.abs(expected).max() + rounding
-            assert np.abs(got - expected).max() <= bound, (name, problem.names[k])
+    assert_state_slopes(
+        lambda x: predict(block, x, problem, rate),
+        x,
+        lambda k: 1e-4 * max(1.0, abs(x[k])),
+        rtol=0.0,
+        of_slope=1e-6,
+        rounding=1e-13,
+    )
 
 
 def test_energy_rows_at_much_momentum_are_the_derivatives(

@@ -9,6 +9,8 @@ import pytest
 from pydantic import ValidationError
 
 from fsw.config.signals import TimingConfig
+from fsw.drivers.sources.cues import HELD, Cues
+from fsw.drivers.sources.validity import REFUSED
 from fsw.drivers.wire import CanFrame, frame_array
 from fsw.errors import ConfigError
 from fsw.messages import joined
@@ -212,3 +214,11 @@ def test_keys_that_do_not_go_together(timing, words):
 def test_an_error_below_the_step_of_the_time_is_refused(tmp_path):
     with pytest.raises(ConfigError, match=r"timing.sigma_s: 0.0001; must be at least 0.00028"):
         timed(tmp_path, sigma_s=1e-4)
+
+
+def test_a_cue_that_is_forgotten_has_no_stamp():
+    cues = Cues([0x80])
+    for batch in np.arange(4 * HELD, dtype=np.int64).reshape(4, HELD):
+        cues.note(1 + batch)
+    known = np.array([REFUSED, 0, 2 * HELD - 1, 2 * HELD, 4 * HELD - 1])
+    assert cues.stamps_ns(known).tolist() == [0, 0, 0, 1 + 2 * HELD, 4 * HELD]

@@ -17,6 +17,7 @@ from fsw.estimators.measurement.row_functions import row_function
 from fsw.estimators.model.problem import Problem
 from fsw.messages import Block
 from tests.support.estimator_cases import N, make_problem, random_block, robot_model
+from tests.support.slopes import FIELDS, assert_state_slopes, predicted_fields
 from tests.support.wheel_cases import (
     INERTIA_KG_M2,
     PYRAMID,
@@ -25,7 +26,6 @@ from tests.support.wheel_cases import (
 )
 
 RATES = ("momentum", "measured")
-FIELDS = {"tau_nm": "J_tau", "f_m_s2": "J_f", "w_rad_s": "J_w"}
 
 
 def case(seed: int = 1, **options: Any) -> tuple[Problem, np.ndarray, Block]:
@@ -88,21 +88,16 @@ def test_the_prediction_is_that_of_a_robot_with_explicit_rotors(seed: int) -> No
 def test_state_jacobians_are_the_derivatives(rate: Any) -> None:
     problem, x, block = case(doubt=True)
     x[20:] *= 0.1
-    found = predict(block, x, problem, rate)
     assert problem.names[problem.at("wheel_scale").start] == "wheel_scale.wheel1"
-    for k in range(len(x)):
-        h = 1e-5 * max(1.0, abs(x[k]))
-        d = h * np.eye(len(x))[k]
-        up, down = predict(block, x + d, problem, rate), predict(block, x - d, problem, rate)
-        for name, jacobian in FIELDS.items():
-            if rate == "measured" and name == "w_rad_s":
-                continue  # what is measured is not predicted
-            slope = (getattr(up, name) - getattr(down, name)) / (2.0 * h)
-            got = getattr(found, jacobian)[:, :, k]
-            scale = np.abs(getattr(up, name)).max()
-            np.testing.assert_allclose(
-                got, slope, rtol=2e-5, atol=1e-6 * np.abs(slope).max() + 1e-10 * scale / h
-            )
+    assert_state_slopes(
+        lambda x: predict(block, x, problem, rate),
+        x,
+        lambda k: 1e-5 * max(1.0, abs(x[k])),
+        rtol=2e-5,
+        of_slope=1e-6,
+        rounding=1e-10,
+        fields=predicted_fields(rate),
+    )
 
 
 @pytest.mark.parametrize("rate", RATES)
@@ -232,16 +227,16 @@ def test_the_column_of_a_wheel_s_delay_is_the_derivative(rate: Any) -> None:
     problem = problem_with_wheels(momentum_sigma_nms=1.0, wheel={"delay_sigma_s": 1e-3})
     x, block = problem.prior_mean.copy(), turning(random_block(1), 1)
     x[problem.at("wheel_delay")] = [1e-3, -2e-3, 0.0, 3e-3]
-    found = predict(block, x, problem, rate)
-    for k in range(len(x))[problem.at("wheel_delay")]:
-        d = 1e-5 * np.eye(len(x))[k]
-        up, down = predict(block, x + d, problem, rate), predict(block, x - d, problem, rate)
-        for name, jacobian in FIELDS.items():
-            if rate == "measured" and name == "w_rad_s":
-                continue
-            slope = (getattr(up, name) - getattr(down, name)) / 2e-5
-            got = getattr(found, jacobian)[:, :, k]
-            np.testing.assert_allclose(got, slope, rtol=1e-6, atol=1e-6 * np.abs(slope).max())
+    assert_state_slopes(
+        lambda x: predict(block, x, problem, rate),
+        x,
+        lambda _: 1e-5,
+        rtol=1e-6,
+        of_slope=1e-6,
+        rounding=0.0,
+        fields=predicted_fields(rate),
+        states=range(len(x))[problem.at("wheel_delay")],
+    )
 
 
 def test_a_delayed_wheel_is_read_later() -> None:

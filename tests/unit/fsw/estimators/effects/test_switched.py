@@ -18,9 +18,9 @@ from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.problem import Problem
 from fsw.messages import Block
 from tests.support.estimator_cases import NODES, WINDOW_S, random_block, robot_model
+from tests.support.slopes import assert_state_slopes, predicted_fields
 from tests.support.thruster_cases import CORNERS, config_with_thrusters, edges_of, firing
 
-FIELDS = {"tau_nm": "J_tau", "f_m_s2": "J_f", "w_rad_s": "J_w"}
 ACROSS = {"rtol": 2e-5}
 
 
@@ -102,23 +102,17 @@ def test_the_time_open_becomes_the_impulse_before() -> None:
 @pytest.mark.parametrize("rate", ["momentum", "measured"])
 def test_state_jacobians_are_the_derivatives(rate: Any) -> None:
     problem, x, block = case()
-    found = predict(block, x, problem, rate)
     assert problem.names[problem.at("thrust_delay").start] == "thrust_delay.thruster1"
-    for k in range(len(x)):
-        h = 1e-6 if k >= problem.at("thrust_delay").start else 1e-5 * max(1.0, abs(x[k]))
-        d = h * np.eye(len(x))[k]
-        up, down = predict(block, x + d, problem, rate), predict(block, x - d, problem, rate)
-        for name, jacobian in FIELDS.items():
-            if rate == "measured" and name == "w_rad_s":
-                continue  # what is measured is not predicted
-            slope = (getattr(up, name) - getattr(down, name)) / (2.0 * h)
-            scale = np.abs(getattr(up, name)).max()
-            np.testing.assert_allclose(
-                getattr(found, jacobian)[:, :, k],
-                slope,
-                **ACROSS,
-                atol=1e-6 * np.abs(slope).max() + 1e-10 * scale / h,
-            )
+    small = problem.at("thrust_delay").start
+    assert_state_slopes(
+        lambda x: predict(block, x, problem, rate),
+        x,
+        lambda k: 1e-6 if k >= small else 1e-5 * max(1.0, abs(x[k])),
+        **ACROSS,
+        of_slope=1e-6,
+        rounding=1e-10,
+        fields=predicted_fields(rate),
+    )
 
 
 @pytest.mark.parametrize("weighting", ["ols", "wls", "eiv"])

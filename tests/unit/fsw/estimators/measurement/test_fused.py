@@ -23,8 +23,8 @@ from tests.support.estimator_cases import (
     random_block,
     true_block,
 )
+from tests.support.slopes import assert_state_slopes
 
-FIELDS = {"tau_nm": "J_tau", "f_m_s2": "J_f", "w_rad_s": "J_w"}
 RATES = ("momentum", "measured")
 
 
@@ -45,18 +45,14 @@ def outputs(block: Block, x: np.ndarray, problem: Problem, rate: Any) -> np.ndar
 def test_state_jacobians_are_the_derivatives(seed: int, rate: Any) -> None:
     problem, x = problem_and_state(seed)
     block = random_block(seed)
-    prediction = predict(block, x, problem, rate)
-    for k in range(len(x)):
-        h = 1e-4 * max(1.0, abs(x[k]))
-        d = np.zeros_like(x)
-        d[k] = h
-        up, down = predict(block, x + d, problem, rate), predict(block, x - d, problem, rate)
-        for name, jacobian in FIELDS.items():
-            expected = (getattr(up, name) - getattr(down, name)) / (2 * h)
-            got = getattr(prediction, jacobian)[:, :, k]
-            rounding = 1e-13 * np.abs(getattr(up, name)).max() / h
-            bound = 1e-6 * np.abs(expected).max() + rounding
-            assert np.abs(got - expected).max() <= bound, (name, problem.names[k])
+    assert_state_slopes(
+        lambda x: predict(block, x, problem, rate),
+        x,
+        lambda k: 1e-4 * max(1.0, abs(x[k])),
+        rtol=0.0,
+        of_slope=1e-6,
+        rounding=1e-13,
+    )
 
 
 @pytest.mark.parametrize(

@@ -29,8 +29,7 @@ from tests.support.mode_cases import (
     problem_with_modes,
     true_blocks,
 )
-
-FIELDS = {"tau_nm": "J_tau", "f_m_s2": "J_f", "w_rad_s": "J_w"}
+from tests.support.slopes import assert_state_slopes, predicted_fields
 
 
 def two_blocks(seed: int = 1) -> tuple[Block, Block]:
@@ -84,23 +83,15 @@ def test_jacobians_are_the_derivatives(rate: Any) -> None:
     def last(x: FloatArray) -> Any:
         return predict(second, x, problem, rate, predict(first, x, problem, rate).after)
 
-    found = last(x)
-    for k in range(len(x)):
-        h = 1e-4 * max(1.0, abs(x[k]))
-        d = h * np.eye(len(x))[k]
-        up, down = last(x + d), last(x - d)
-        for name, jacobian in FIELDS.items():
-            if rate == "measured" and name == "w_rad_s":
-                continue
-            slope = (getattr(up, name) - getattr(down, name)) / (2.0 * h)
-            scale = np.abs(getattr(up, name)).max()
-            np.testing.assert_allclose(
-                getattr(found, jacobian)[:, :, k],
-                slope,
-                rtol=2e-4,
-                atol=1e-5 * np.abs(slope).max() + 1e-10 * scale / h,
-                err_msg=problem.names[k],
-            )
+    assert_state_slopes(
+        last,
+        x,
+        lambda k: 1e-4 * max(1.0, abs(x[k])),
+        rtol=2e-4,
+        of_slope=1e-5,
+        rounding=1e-10,
+        fields=predicted_fields(rate),
+    )
 
 
 def information(problem: Problem, blocks: Any, x: FloatArray) -> SquareRootInformation:
