@@ -158,11 +158,12 @@ def _seeds(arguments: argparse.Namespace) -> int:
     from hil.evidence.settings import settled
 
     require_own(arguments)
-    study = " ".join((arguments.scenario, *arguments.settings))
+    doubts = ["--doubts"] if arguments.doubts else []
+    study = " ".join((arguments.scenario, *arguments.settings, *doubts))
     first = seed_or_fresh(None if arguments.fresh else arguments.first, study)
     settled(arguments.scenario, arguments.settings, first)  # a wrong setting fails once
     numbers = range(first, first + arguments.count)
-    options = [] if arguments.real_time else ["--fast"]
+    options = doubts if arguments.real_time else [*doubts, "--fast"]
     options += [word for setting in arguments.settings for word in ("--set", setting)]
     files = {k: path for k in ("config", "devices") if (path := getattr(arguments, k)) is not None}
     outcomes = run_seeds(arguments.scenario, numbers, arguments.jobs, options, arguments.out, files)
@@ -184,6 +185,7 @@ def _run(arguments: argparse.Namespace) -> int:
     from hil.judge import judgement, page, report
     from hil.judge.text import show
     from hil.run import bench
+    from hil.run.default_doubts import write_with_doubts
     from hil.run.own_flight import own_world
     from hil.run.progress import meter
     from hil.world.scenario import ScenarioError
@@ -195,15 +197,11 @@ def _run(arguments: argparse.Namespace) -> int:
     scenario = settled(arguments.scenario, arguments.settings, arguments.seed)
     overrides = {k: v for k in ("method", "weighting") if (v := getattr(arguments, k)) is not None}
     with ExitStack() as stack:
-        folder = arguments.out
-        if folder is None and arguments.json:
-            folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="hil-")))
-        elif folder is None:
-            folder = Path("runs") / f"{scenario.name}-{arguments.seed}"
-        folder = folder.absolute()
-        scenario, own = own_world(
-            scenario, arguments.config, arguments.devices, arguments.seed, folder
-        )
+        folder = _folder(arguments, scenario.name, stack)
+        config = arguments.config
+        if arguments.doubts:
+            config = write_with_doubts(scenario, arguments.seed, folder / "doubts")
+        scenario, own = own_world(scenario, config, arguments.devices, arguments.seed, folder)
         if not arguments.fast:
             scenario = _linked(scenario, arguments.bus, stack)
         try:
@@ -243,6 +241,17 @@ def _run(arguments: argparse.Namespace) -> int:
     return 0 if outcome["valid"] else FAILED_EXIT
 
 
+def _folder(arguments: argparse.Namespace, name: str, stack: ExitStack) -> Path:
+    """Return the folder of a run; one that nobody named and nobody reads is deleted at the end."""
+    if arguments.out is not None:
+        folder: Path = arguments.out
+    elif arguments.json:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="hil-")))
+    else:
+        folder = Path("runs") / f"{name}-{arguments.seed}"
+    return folder.absolute()
+
+
 def _require_together(arguments: argparse.Namespace) -> None:
     """Raise ScenarioError for options of a run of which one excludes or needs another."""
     from hil.world.scenario import ScenarioError
@@ -251,8 +260,8 @@ def _require_together(arguments: argparse.Namespace) -> None:
         raise ScenarioError("--telemetry: a run in virtual time has no link; leave --fast out")
     if arguments.truth is not None and not arguments.fast:
         raise ScenarioError("--truth: needs virtual time: add --fast")
-    if arguments.truth is not None and arguments.config is not None:
-        raise ScenarioError("--truth: not beside --config, whose doubts change the arm")
+    if arguments.truth is not None and (arguments.doubts or arguments.config is not None):
+        raise ScenarioError("--truth: not beside --config or --doubts, which change the arm")
     require_own(arguments)
 
 

@@ -44,8 +44,15 @@ def add_drawn(parser: argparse.ArgumentParser) -> None:
 
 
 def add_own(parser: argparse.ArgumentParser) -> None:
-    """Add the options of a run with a configuration of the user's own."""
-    parser.add_argument(
+    """Add the options of a run with a configuration in which not everything is exact."""
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument(
+        "--doubts",
+        action="store_true",
+        help="fly the scenario's configuration with the default doubts of arm, sensors and"
+        " mounting, and errors of the world drawn from them; nothing is declared exact",
+    )
+    which.add_argument(
         "--config",
         type=Path,
         metavar="YAML",

@@ -80,6 +80,7 @@ def summary(outcomes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
             "worst_mass_error_ratio": float(np.abs(mass / truth - 1).max()),
             "worst_sigma_to_crb_ratio": max(ratios),
             "worst_sigma_to_true_crb_ratio": max(efficiencies),
+            "mean_sigma_to_true_crb_ratio": float(np.mean(efficiencies)),
         }
     samples = [counts for o in outcomes for counts in o["samples"].values()]
     errors = [o["ee_error"]["mean_position_m"] for o in outcomes]

@@ -108,6 +108,17 @@ def _motion(key: str, path: Path, robot: Robot) -> JointSpline:
     return spline
 
 
+def motion_of(scenario: Scenario, robot: Robot) -> Motion:
+    """Return the identification motion, with what is sudden in it.
+
+    Raises
+    ------
+    ScenarioError if it is invalid or has other joints than the robot.
+    """
+    planned = _motion("identification", scenario.identification, robot)
+    return planned if scenario.sudden is None else SuddenMotion(planned, scenario.sudden)
+
+
 def prepare(
     scenario: Scenario,
     seed: int,
@@ -139,9 +150,7 @@ def prepare(
     if real_time and scenario.faults:
         raise ScenarioError("faults: a scenario's own need virtual time: add --fast")
     robot = robot_of(scenario)
-    spline: Motion = _motion("identification", scenario.identification, robot)
-    if scenario.sudden is not None:
-        spline = SuddenMotion(spline, scenario.sudden)
+    spline = motion_of(scenario, robot)
     _motion("verification", scenario.verification, robot)
     if own is None:
         priors = {body: draw_prior(scenario.truth[body], seed, body) for body in scenario.unknown}

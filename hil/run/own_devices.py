@@ -187,7 +187,7 @@ def _tracker(tracker: StarTrackerConfig) -> dict[str, Any]:
 def _flight(scenario: Scenario, config: Config) -> dict[str, Any]:
     """Return the section `flight`: links of the world, everything else of the configuration."""
     bus = dict(scenario.flight["bus"])
-    first, port = config.buses[0], bus.get("port")
+    first, port = config.buses[0], min(scenario.bus_ports.values(), default=None)
     bus |= {"rate_hz": first.rate_hz, "heartbeat_s": first.heartbeat_s}
     if first.redundant is None:
         bus.pop("redundant", None)

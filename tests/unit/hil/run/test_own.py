@@ -9,14 +9,14 @@ import yaml
 from fsw.config import load as load_config
 from fsw.drivers.sources.joint_calibration import Calibration
 from hil.__main__ import main
+from hil.run.default_doubts import write_with_doubts
 from hil.run.own_devices import described
 from hil.run.own_flight import own_priors, own_world
 from hil.world.robot import read_links
-from hil.world.scenario import FOLDER, ScenarioError, load
+from hil.world.scenario import FOLDER, ScenarioError, load, names
 from hil.world.sensor_config import SensorConfig
 
 OWN = FOLDER / "configurations"
-NAMES = sorted(path.stem for path in OWN.glob("*.yaml"))
 
 
 def changed(folder: Path, change, name: str = "target_leo") -> Path:
@@ -99,13 +99,38 @@ def test_the_devices_may_be_those_of_another_file(tmp_path):
     assert SensorConfig.from_dict(scenario.sensors).joints.nodes[2].sign == -1
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_a_standing_configuration_holds_no_truth_of_an_unknown_body(name):
-    config, world = load_config(OWN / f"{name}.yaml"), load(name)
+def test_the_standing_configuration_holds_no_truth_of_an_unknown_body():
+    config, world = load_config(OWN / "target_leo.yaml"), load("target_leo")
     assert set(config.unknown) == set(world.unknown)
     for body, prior in own_priors(config).items():
         big = np.abs(world.truth[body]) > 1e-2
         assert np.all(np.abs(prior.report / world.truth[body] - 1.0)[big] > 0.1)
+
+
+@pytest.mark.parametrize("name", names())
+def test_every_scenario_flies_with_the_doubts_that_a_user_has_by_default(name, tmp_path):
+    """Links, gains, zeros and mounting of the world differ from what its configuration says."""
+    world = load(name)
+    path = write_with_doubts(world, 3, tmp_path / "doubts")
+    scenario, config = own_world(world, path, None, 3, tmp_path / "run")
+    assert config.robot.links_sigma_ratio > 0.0
+    with_angle = [joint for joint in config.joints if joint.encoder != "speed"]
+    assert all(joint.zero_sigma_rad > 0.0 for joint in with_angle)
+    with_torque = [joint for joint in config.joints if joint.torque != "none"]
+    assert all(joint.torque_scale_sigma_ratio > 0.0 for joint in with_torque)
+    assert set(config.unknown) == set(world.unknown)
+    assert len(set(scenario.bus_ports.values())) == len(config.buses)
+    true = {link.name: link.body.mass_kg for link in read_links(scenario.urdf) if link.body}
+    declared = read_links(config.resolve(config.robot.urdf))
+    arm = [link for link in declared[1:] if link.body and link.body.mass_kg > 0.0]
+    assert arm
+    for link in arm:
+        error = abs(true[link.name] / link.body.mass_kg - 1.0)
+        assert 0.0 < error < 5.0 * config.robot.links_sigma_ratio
+    if config.imu.present:
+        place = SensorConfig.from_dict(scenario.sensors).imu.p_BS_m
+        off = np.subtract(place, config.imu.mounting.p_BS_m)
+        assert 0.0 < np.linalg.norm(off) < 5.0 * np.sqrt(3) * config.imu.mounting_position_sigma_m
 
 
 @pytest.mark.parametrize(
@@ -146,6 +171,8 @@ def test_a_device_that_the_world_lacks_is_a_mismatch(tmp_path):
     ("more", "words"),
     [
         (["--devices", "x.yaml"], "--devices: needs --config"),
+        (["--devices", "x.yaml", "--doubts"], "--devices: needs --config"),
+        (["--truth", "x.npz", "--doubts"], "--truth: not beside --config or --doubts"),
         (["--config", "x.yaml"], "x.yaml: cannot be read"),
         (["--config", "x.yaml", "--set", "flight.tick_rate_hz=250"], "--config is given; set it"),
     ],
