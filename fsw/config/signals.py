@@ -169,7 +169,8 @@ class TimingConfig(Section):
     """by `last_sync` and `request`: a frame that comes later is rejected; by `time`:
     an older sample is rejected; null: 0.9 periods, by `time` 1 s"""
     spread_s: Duration | None = None
-    """longest time between the frames of one sample; null: half a period"""
+    """longest time between the frames of one sample; null: half a period; by `last_sync` and
+    `request`, frames that answer the same one are one sample, but of a device that skips some"""
     clock_tolerance_ppm: float = Field(default=500.0, gt=0, le=50_000.0)
     """bound of the rate error of the device's timer or clock"""
 

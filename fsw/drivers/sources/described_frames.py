@@ -11,6 +11,7 @@ from fsw.drivers.layout.decoder import Decoder
 from fsw.drivers.layout.joints import ROLES, TIME, Layout, Use
 from fsw.drivers.layout.signals import Message
 from fsw.drivers.sources.groups import Arrivals
+from fsw.drivers.sources.validity import REFUSED
 from fsw.drivers.wire import FrameArray
 from fsw.messages import IntArray
 
@@ -52,7 +53,7 @@ class FrameReader:
         """
         none = np.empty(0, np.int64)
         joints, short = [none], list[_Short]()
-        parts = [Arrivals(none, none, none, np.empty((0, ROLES)))]
+        parts = [(none, none, none, np.empty((0, ROLES)))]
         for kind in self._kinds:
             place = np.searchsorted(kind.words, words)
             place[place == len(kind.words)] = 0
@@ -71,11 +72,13 @@ class FrameReader:
                 for k in signals:
                     values[:, kind.roles[k]] = columns[k] * kind.factors[k]
                 joints.append(kind.joints[place, slot])
-                parts.append(Arrivals(kind.members[place, slot], t_ns, rows, values))
+                parts.append((kind.members[place, slot], t_ns, rows, values))
         joint = np.concatenate(joints)
-        whole = Arrivals(*(np.concatenate(column) for column in zip(*parts, strict=True)))
-        order = np.lexsort((whole.row, joint))
-        return joint[order], whole.part(order), short
+        columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
+        order = np.lexsort((columns[2], joint))
+        member, t_ns, rows, values = (column[order] for column in columns)
+        number = np.full(len(order), REFUSED)
+        return joint[order], Arrivals(member, t_ns, rows, values, t_ns, number, t_ns.copy()), short
 
 
 def _short(kind: _Kind, own: FrameArray, place: NDArray[np.intp]) -> list[_Short]:

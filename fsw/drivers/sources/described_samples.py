@@ -12,8 +12,8 @@ from fsw.drivers.codecs.canopen import COB_SYNC
 from fsw.drivers.layout.joints import COUNTER, STATUS, TIME, Layout
 from fsw.drivers.sources.cues import COB_TIME, TIME_BITS, ByTime, Cues, time_objects
 from fsw.drivers.sources.described_frames import FrameReader
-from fsw.drivers.sources.groups import Groupings
-from fsw.drivers.sources.replies import Answered, Replies, answered
+from fsw.drivers.sources.groups import Group, Groupings
+from fsw.drivers.sources.replies import Replies
 from fsw.drivers.sources.sync import UNKNOWN, SyncHistory, history_of
 from fsw.drivers.sources.validity import (
     ASSUMED_BITRATE,
@@ -63,12 +63,6 @@ class DescribedSamples:
         self._reader = FrameReader(layouts)
         timings = [timing_of(device) for device in devices]
         own = list(zip(timings, layouts, [1.0 / rate for rate in rates_hz], strict=True))
-        self._groups = Groupings(
-            [
-                (len(layout.messages), round((timing.spread_s or SPREAD_RATIO * period_s) * 1e9))
-                for timing, layout, period_s in own
-            ]
-        )
         self._late_ns = np.array([round(timing.delay_s * 1e9) for timing in timings])
         self._late_ns -= round(bus.latch_offset_s * 1e9) * np.isin(
             [timing.by for timing in timings], [*BY_SYNC, "request"]
@@ -80,15 +74,29 @@ class DescribedSamples:
         self._validity = [
             _validity_of(bus, timing, layout, period_s) for timing, layout, period_s in own
         ]
-        each = np.array([period_s * bus.rate_hz < EACH for _, _, period_s in own])
         latest_s = [timing.latest_s or LATEST_RATIO * period_s for timing, _, period_s in own]
-        latest_ns = np.round(np.array(latest_s) * 1e9).astype(np.int64)
+        self._latest_ns = np.round(np.array(latest_s) * 1e9).astype(np.int64)
         kinds = [timing.requests if timing.by in BY_CUE else None for timing in timings]
+        each = [
+            kind is not None and period_s * bus.rate_hz < EACH
+            for kind, (_, _, period_s) in zip(kinds, own, strict=True)
+        ]
+        members = [len(layout.messages) for layout in layouts]
         self._replies = [
-            Replies(cues, np.array([kind == requests for kind in kinds]), latest_ns, each)
+            Replies(
+                cues,
+                np.array([kind == requests for kind in kinds]),
+                np.array(each),
+                max(members),
+            )
             for requests, cues in self._cues.items()
             if requests in kinds
         ]
+        spreads_ns = [
+            None if is_each else round((timing.spread_s or SPREAD_RATIO * period_s) * 1e9)
+            for is_each, (timing, _, period_s) in zip(each, own, strict=True)
+        ]
+        self._groups = Groupings(list(zip(members, spreads_ns, strict=True)))
         self._by_time = [own for own in self._validity if isinstance(own, ByTime)]
         statuses = [(device.signals or {}).get("status") for device in devices]
         self._mask = np.array([(use and use.mask) or 0 for use in statuses])
@@ -130,10 +138,10 @@ class DescribedSamples:
         ends = np.flatnonzero(np.diff(device, append=self._count))
         for place, t_ns in zip(device[ends].tolist(), arrivals.t_ns[ends].tolist(), strict=True):
             self.heard_ns[place] = t_ns
+        for replies in self._replies:
+            device, arrivals = replies.date(device, arrivals)
         device, group = self._groups.feed(device, arrivals)
-        samples = answered(self._replies, device, group)
-        index, times_ns = self._times(samples)
-        device, group = samples.device, samples.group
+        index, times_ns = self._times(device, group)
         raw = group.values[:, STATUS]
         status = np.nan_to_num(raw).astype(np.int64)
         is_good = status & self._mask[device] == self._wanted[device]
@@ -141,10 +149,10 @@ class DescribedSamples:
         timed = Timed(device, index, times_ns, group.done_ns, group.values, status, is_good)
         return timed, short, int(len(words) - np.count_nonzero(is_own))
 
-    def _times(self, samples: Answered) -> tuple[IntArray, IntArray]:
+    def _times(self, device: IntArray, group: Group) -> tuple[IntArray, IntArray]:
         """Return the running index of every sample, UNKNOWN if it has no time, and its time."""
-        device, group, index, t_ns = samples
-        sent_ns, sent_row, values = group.sent_ns, group.sent_row, group.values
+        sent_ns, sent_row, values, _, index, t_ns = group
+        index = np.where(sent_ns - t_ns > self._latest_ns[device], UNKNOWN, index)
         if (own := self._echoes[device]).any():
             counters = np.nan_to_num(values[own, COUNTER]).astype(np.int64)
             rows = np.maximum(sent_row[own], 0)

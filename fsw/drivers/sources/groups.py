@@ -17,10 +17,25 @@ class Arrivals(NamedTuple):
     t_ns: IntArray
     row: IntArray  # in the batch
     values: FloatArray  # NaN: not in this frame
+    done_ns: IntArray  # when its cue was known
+    number: IntArray  # of the cue that it answers, REFUSED if it answers none that is known
+    cue_ns: IntArray  # stamp of the cue; that of the frame if nothing is the joint's cue
 
-    def part(self, rows: slice | NDArray[np.intp]) -> "Arrivals":
+    def part(self, rows: slice | NDArray[np.intp] | NDArray[np.bool_]) -> "Arrivals":
         """Return some of the frames."""
-        return Arrivals(self.member[rows], self.t_ns[rows], self.row[rows], self.values[rows])
+        return Arrivals._make(column[rows] for column in self)
+
+
+class _Frame(NamedTuple):
+    """One row of `Arrivals`, or of a whole sample."""
+
+    member: int
+    t_ns: int
+    row: int
+    values: FloatArray
+    done_ns: int
+    number: int
+    cue_ns: int
 
 
 class Group(NamedTuple):
@@ -28,13 +43,10 @@ class Group(NamedTuple):
 
     sent_ns: IntArray  # stamp of the frame that counts as the time
     sent_row: IntArray  # its row in the batch; -1: in an earlier one
-    done_ns: IntArray  # stamp of the last frame of the sample
     values: FloatArray
-
-    def part(self, rows: NDArray[np.intp] | NDArray[np.bool_]) -> "Group":
-        """Return some of the samples."""
-        sent_ns, sent_row, done_ns, values = self
-        return Group(sent_ns[rows], sent_row[rows], done_ns[rows], values[rows])
+    done_ns: IntArray  # when the last frame of the sample had come and its cue was known
+    number: IntArray  # as that of frames
+    cue_ns: IntArray
 
 
 class Groupings:
@@ -42,14 +54,16 @@ class Groupings:
 
     Parameters
     ----------
-    joints : number of messages of each joint's sample, and the longest time between them [ns]
+    joints : number of messages of each joint's sample, and the longest time between them [ns];
+        None: however long, they answer the same cue
     """
 
-    def __init__(self, joints: Sequence[tuple[int, int]]) -> None:
+    def __init__(self, joints: Sequence[tuple[int, int | None]]) -> None:
         self._each = [Grouping(*own) for own in joints]
         members = {own[0] for own in joints}
         self._members = members.pop() if len(members) == 1 else 0  # 0: not the same of all
-        self._spread_ns = np.array([own[1] for own in joints])
+        self._by_cue = np.array([own[1] is None for own in joints])
+        self._spread_ns = np.array([own[1] or 0 for own in joints])
 
     @property
     def headless(self) -> int:
@@ -58,7 +72,7 @@ class Groupings:
 
     def feed(self, joint: IntArray, frames: Arrivals) -> tuple[IntArray, Group]:
         """Accept frames of one batch, sorted by joint (k,); return joints and samples."""
-        if self._is_regular(joint, frames):
+        if self._members == 1 or self._is_regular(joint, frames):
             return joint[:: self._members], _whole(frames, self._members)
         bounds = np.searchsorted(joint, np.arange(len(self._each) + 1)).tolist()
         parts = [
@@ -74,43 +88,45 @@ class Groupings:
         size = self._members
         if not size or len(joint) % size or any(own.is_open for own in self._each):
             return False
-        joints = joint.reshape(-1, size)
-        is_of_one = bool((joints[:, 0] == joints[:, -1]).all())
-        return is_of_one and _are_whole(frames, size, self._spread_ns[joints[:, 0]])
+        own = joint[::size]
+        is_of_one = np.array_equal(own, joint[size - 1 :: size])
+        return is_of_one and _are_whole(frames, size, self._spread_ns[own], self._by_cue[own])
 
 
-def _are_whole(frames: Arrivals, members: int, spread_ns: int | IntArray) -> bool:
+def _are_whole(
+    frames: Arrivals, members: int, spread_ns: int | IntArray, by_cue: bool | NDArray[np.bool_]
+) -> bool:
     """Return whether each `members` frames after the other are a sample; one limit, or one each."""
-    if members == 1 or len(frames.t_ns) % members:
-        return members == 1
-    member, t_ns = frames.member.reshape(-1, members), frames.t_ns.reshape(-1, members)
-    is_whole = bool((np.sort(member, axis=1) == np.arange(members)).all())
-    return is_whole and bool((np.ptp(t_ns, axis=1) <= spread_ns).all())
+    if len(frames.t_ns) % members:
+        return False
+    member, t_ns, number = (column.reshape(-1, members) for column in (*frames[:2], frames.number))
+    is_near = np.where(by_cue, np.ptp(number, axis=1) == 0, np.ptp(t_ns, axis=1) <= spread_ns)
+    return bool(is_near.all() and (np.sort(member, axis=1) == np.arange(members)).all())
 
 
 def _whole(frames: Arrivals, members: int) -> Group:
     """Return samples of which every message has come, one after the other."""
     if members == 1:
-        return Group(frames.t_ns, frames.row, frames.t_ns, frames.values)
+        return Group(*frames[1:])
     values = frames.values.reshape(-1, members, frames.values.shape[1])
     merged = values[:, 0].copy()
     for k in range(1, members):
         np.copyto(merged, values[:, k], where=np.isnan(merged))
-    heads = np.flatnonzero(frames.member == 0)
-    return Group(frames.t_ns[heads], frames.row[heads], frames.t_ns[members - 1 :: members], merged)
+    _, t_ns, row, _, _, number, cue_ns = frames.part(np.flatnonzero(frames.member == 0))
+    return Group(t_ns, row, merged, frames.done_ns[members - 1 :: members], number, cue_ns)
 
 
 class Grouping:
     """Puts the frames of one joint together.
 
     Frames belong to one sample from its first frame on until all its messages have come, one comes
-    again, or `spread_ns` is over. Member 0 carries the sample's time. A sample without it is
-    dropped and counted in `headless`; a sample that lacks another member has NaN there.
+    again, one answers another cue, or `spread_ns` is over. Member 0 carries the sample's time. A
+    sample without it is dropped and counted in `headless`; one that lacks another has NaN there.
     """
 
-    def __init__(self, members: int, spread_ns: int) -> None:
+    def __init__(self, members: int, spread_ns: int | None) -> None:
         self._members, self._spread_ns = members, spread_ns
-        self._open: list[tuple[int, int, int, FloatArray]] = []  # member, stamp, row, values
+        self._open: list[_Frame] = []
         self.headless = 0
 
     @property
@@ -120,35 +136,38 @@ class Grouping:
 
     def feed(self, frames: Arrivals) -> Group:
         """Accept frames of one batch; return the samples that they complete."""
-        if not self._open and _are_whole(frames, self._members, self._spread_ns):
+        spread_ns, by_cue = self._spread_ns or 0, self._spread_ns is None
+        if not self._open and _are_whole(frames, self._members, spread_ns, by_cue):
             return _whole(frames, self._members)
-        self._open = [(member, t_ns, -1, values) for member, t_ns, _, values in self._open]
-        none = np.empty(0, np.int64)
-        parts = [Group(none, none, none, np.empty((0, frames.values.shape[1])))]
-        columns = zip(*(own.tolist() for own in frames[:3]), frames.values, strict=True)
-        for member, t_ns, row, values in columns:
-            parts += self._add(member, t_ns, row, values)
-        return Group(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+        self._open, found = [own._replace(row=-1) for own in self._open], list[_Frame]()
+        columns = (column if column.ndim > 1 else column.tolist() for column in frames)
+        for own in map(_Frame._make, zip(*columns, strict=True)):
+            if self._open and self._is_apart(own):
+                self._close(own.done_ns, found)
+            self._open.append(own)
+            if len(self._open) == self._members:
+                self._close(own.done_ns, found)
+        if not found:
+            return Group(*frames.part(slice(0))[1:])
+        return Group(*map(np.array, list(zip(*found, strict=True))[1:]))
 
-    def _add(self, member: int, t_ns: int, row: int, values: FloatArray) -> list[Group]:
-        found: list[Group] = []
-        held = self._open
-        if held and (any(own[0] == member for own in held) or t_ns - held[0][1] > self._spread_ns):
-            found += self._close(t_ns)
-        self._open.append((member, t_ns, row, values))
-        if len(self._open) == self._members:
-            found += self._close(t_ns)
-        return found
+    def _is_apart(self, own: _Frame) -> bool:
+        """Return whether a frame begins another sample."""
+        first = self._open[0]
+        if any(other.member == own.member for other in self._open):
+            return True
+        if self._spread_ns is None:
+            return own.number != first.number
+        return own.t_ns - first.t_ns > self._spread_ns
 
-    def _close(self, done_ns: int) -> list[Group]:
-        """Return the open sample, which is known at `done_ns`; nothing if it has no head."""
+    def _close(self, done_ns: int, found: list[_Frame]) -> None:
+        """Append the open sample, which is known at `done_ns`; nothing if it has no head."""
         held, self._open = self._open, []
-        head = next((own for own in held if own[0] == 0), None)
+        head = next((own for own in held if own.member == 0), None)
         if head is None:
             self.headless += 1
-            return []
-        merged = held[0][3].copy()
+            return
+        merged = held[0].values.copy()
         for own in held[1:]:
-            np.copyto(merged, own[3], where=np.isnan(merged))
-        sent_ns, sent_row, done = (np.array([value]) for value in (head[1], head[2], done_ns))
-        return [Group(sent_ns, sent_row, done, merged[None])]
+            np.copyto(merged, own.values, where=np.isnan(merged))
+        found.append(head._replace(values=merged, done_ns=done_ns))

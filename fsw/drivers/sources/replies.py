@@ -1,97 +1,110 @@
-"""Which cue a reply answers: a device answers cues in order, each with one reply or none.
+"""Which cue a message answers: a device answers cues in order, each with every message or none.
 
-So a reply behind cues that all have a reply answers the last one. Where one has none, that reply is
-lost, or it comes late: a busy machine holds replies for some periods and then delivers all of them.
-The count tells. Replies i to j, the last cues before which are a_i to a_j, have the numbers
-n_i = min(a_i, n_(i+1) - 1), n_j = a_j. A reply is held until its number cannot become less, which
-is when it follows that of the reply before, or until no more is expected to come. Then the missing
-one is lost; but where another device was late just then, the reply is refused: it may be late too.
+So a message behind cues that all have an answer answers the last one. Where one has none, its
+answer is lost, or it comes late: a busy machine holds messages for some periods and then delivers
+all of them, in order. The count tells. Messages i to j, the last cues before which are a_i to a_j,
+answer the cues n_i = min(a_i, n_(i+1) - d), n_j = a_j. The step d is 1 from one message to the same
+again. To another one it is 1 if the first has always come after the second in an answer, else 0.
+Likewise n_i is at least n_(i-1) + d. A message is held until the two bounds are one, or until no
+more is expected to come. Then the missing one is lost; but where another device was late just then,
+the message is refused: it may be late too.
 """
-
-from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fsw.drivers.sources.cues import FOREVER_NS, HELD, Cues
-from fsw.drivers.sources.groups import Group
+from fsw.drivers.sources.groups import Arrivals
 from fsw.drivers.sources.validity import REFUSED
 from fsw.messages import IntArray
 
-PATIENCE_NS = 80_000_000  # a reply that is missing for so long is lost
-
-
-class Answered(NamedTuple):
-    """Samples by device, in order; all arrays (k,)."""
-
-    device: IntArray
-    group: Group
-    number: IntArray  # of the cue, REFUSED if the sample answers none that is known
-    t_ns: IntArray  # stamp of the cue
+PATIENCE_NS = 80_000_000  # a message that is missing for so long is lost
 
 
 class Replies:
-    """Finds the cues of the samples of devices that measure at a cue.
+    """Finds the cues of the messages of devices that measure at a cue.
 
     Parameters
     ----------
     cues : what makes the devices measure
     owns : (devices,) which devices
-    latest_ns : (devices,) a sample sent later after its cue is refused
     each : (devices,) whether the device answers each cue; the others answer the last one before
+    members : most messages of a device's sample
     """
 
     def __init__(
-        self, cues: Cues, owns: NDArray[np.bool_], latest_ns: IntArray, each: NDArray[np.bool_]
+        self, cues: Cues, owns: NDArray[np.bool_], each: NDArray[np.bool_], members: int
     ) -> None:
-        self.owns = owns
-        self._cues, self._latest_ns, self._each = cues, latest_ns, each
-        self._newest = np.full(len(each), REFUSED)  # number of the newest sample, by device
+        count = len(owns)
+        self._cues, self._owns, self._each, self._members = cues, owns, each, members
+        self._newest = np.full((count, members), REFUSED)  # cue of the newest message of each kind
+        self._last = np.zeros(count, np.int64)  # kind of the newest message
+        self._after = np.zeros((count, members, members), np.bool_)  # [i, j]: i came after j
         self._device = np.empty(0, np.int64)
-        self._held: Group | None = None
-        self._late: dict[int, int] = {}  # cues followed by late samples: when this was known [ns]
+        self._held: Arrivals | None = None
+        self._late: dict[int, int] = {}  # cues followed by late messages: when this was known [ns]
 
-    def feed(self, device: IntArray, group: Group) -> Answered:
-        """Accept the samples of a batch, sorted by device; return those whose cue is found.
+    def date(self, device: IntArray, frames: Arrivals) -> tuple[IntArray, Arrivals]:
+        """Accept the frames of a batch, sorted by device; return those whose cue is found.
 
-        A sample that was held is done (`done_ns`) with the frame that told its cue.
+        A frame that was held is known (`done_ns`) with the frame that told its cue. Frames of other
+        devices are returned as they are.
         """
         if self._held is not None:
             device = np.concatenate([self._device, device])
-            group = Group(*(np.concatenate(pair) for pair in zip(self._held, group, strict=True)))
+            pairs = zip(self._held, frames, strict=True)
             order = np.argsort(device, kind="stable")
-            device, group, self._held = device[order], group.part(order), None
-        number = self._cues.last(group.sent_ns)
+            device, frames = device[order], Arrivals._make(map(np.concatenate, pairs)).part(order)
+            self._held = None
+        own = np.flatnonzero(self._owns[device])
+        last = self._cues.last(frames.t_ns[own])
+        frames.number[own] = last
+        if not self._follow(device[own], frames.member[own], last):
+            device, frames = self._decided(device, frames, own)
+            own = np.flatnonzero(self._owns[device])
+        frames.cue_ns[own] = self._cues.stamps_ns(frames.number[own])
+        return device, frames
+
+    def _follow(self, device: IntArray, member: IntArray, last: IntArray) -> bool:
+        """Accept messages if each answers the cue after that of the one before of its kind."""
+        kind = device * self._members + member
+        order = np.argsort(kind, kind="stable") if self._members > 1 else slice(None)
+        kinds, number, newest = kind[order], last[order], self._newest.ravel()
+        before, heads = np.roll(number, 1), np.flatnonzero(np.diff(kinds, prepend=-1))
+        before[heads] = newest[kinds[heads]]
+        if not ((number == before + 1) | ~self._each[device[order]]).all():
+            return False
+        if self._members > 1:
+            self._learn(device, member, last)
+        ends = np.flatnonzero(np.diff(kinds, append=-1))
+        newest[kinds[ends]] = number[ends]
+        return True
+
+    def _learn(self, device: IntArray, member: IntArray, number: IntArray) -> None:
+        """Note which message of an answer comes after which."""
         heads = np.flatnonzero(np.diff(device, prepend=-1))
-        before = np.roll(number, 1)
-        before[heads] = self._newest[device[heads]]
-        if not ((number == before + 1) | ~self._each[device]).all():
-            device, group, number = self._decided(device, group, number, heads)
-        else:
-            ends = np.flatnonzero(np.diff(device, append=len(self._each)))
-            self._newest[device[ends]] = number[ends]
-        t_ns = self._cues.stamps_ns(number)
-        is_late = group.sent_ns - t_ns > self._latest_ns[device]
-        return Answered(device, group, np.where(is_late, REFUSED, number), t_ns)
+        before, its_number = np.roll(member, 1), np.roll(number, 1)
+        before[heads] = self._last[device[heads]]
+        its_number[heads] = self._newest[device[heads], before[heads]]
+        same = (its_number == number) & (number != REFUSED)
+        self._after[device[same], member[same], before[same]] = True
+        ends = np.flatnonzero(np.diff(device, append=-1))
+        self._last[device[ends]] = member[ends]
 
     def _decided(
-        self, device: IntArray, group: Group, last: IntArray, heads: IntArray
-    ) -> tuple[IntArray, Group, IntArray]:
-        """Return the samples whose cue is found, with its number; hold the others."""
-        number, done_ns = last.copy(), group.done_ns.copy()
+        self, device: IntArray, frames: Arrivals, own: NDArray[np.intp]
+    ) -> tuple[IntArray, Arrivals]:
+        """Return the frames whose cue is found, with its number; hold the others."""
+        last, number, done_ns = frames.number.copy(), frames.number, frames.done_ns.copy()
         is_held, is_doubted = np.zeros((2, len(device)), np.bool_)
-        for start, stop in zip(heads.tolist(), [*heads[1:].tolist(), len(device)], strict=True):
-            place, own = int(device[start]), slice(start, stop)
-            if not self._each[place]:
-                continue
-            columns = (column[own].tolist() for column in (last, group.sent_ns, group.done_ns))
-            found = self._found(int(self._newest[place]), *columns)
-            for row, one in enumerate(found, start):
+        counted = own[self._each[device[own]]]
+        for rows in np.split(counted, np.flatnonzero(np.diff(device[counted])) + 1):
+            found = self._found(int(device[rows[0]]), frames.part(rows)) if rows.size else []
+            for row, one in zip(rows.tolist(), found, strict=False):
                 number[row], done_ns[row], is_doubted[row] = one
-            is_held[start + len(found) : stop] = True
-            self._newest[place] = found[-1][0] if found else self._newest[place]
-        is_late = ~is_held & (number < last) & self._each[device]
+            is_held[rows[len(found) :]] = True
+        is_late = np.zeros(len(device), np.bool_)
+        is_late[counted] = ~is_held[counted] & (number < last)[counted]
         for cue, known_ns in zip(last[is_late].tolist(), done_ns[is_late].tolist(), strict=True):
             self._late[cue] = min(self._late.get(cue, FOREVER_NS), known_ns)
         for row in np.flatnonzero(is_doubted).tolist():
@@ -99,46 +112,43 @@ class Replies:
                 number[row] = REFUSED
         self._late = {cue: t for cue, t in self._late.items() if cue > self._cues.count - HELD}
         if is_held.any():
-            self._device, self._held = device[is_held], group.part(is_held)
-        group = group._replace(done_ns=done_ns)
-        return device[~is_held], group.part(~is_held), number[~is_held]
+            self._device, self._held = device[is_held], frames.part(is_held)
+        return device[~is_held], frames._replace(done_ns=done_ns).part(~is_held)
 
-    def _found(
-        self, newest: int, last: list[int], sent_ns: list[int], done_ns: list[int]
-    ) -> list[tuple[int, int, bool]]:
+    def _found(self, device: int, frames: Arrivals) -> list[tuple[int, int, bool]]:
         """Return number, time of being known, and whether the count leaves a doubt.
 
-        These are of the first samples of a device; the others are to be held.
+        These are of the first messages of a device; the others are to be held.
         """
-        found = list[tuple[int, int, bool]]()
+        columns = (frames.member, frames.number, frames.t_ns, frames.done_ns)
+        member, last, sent_ns, done_ns = (column.tolist() for column in columns)
+        newest, found = self._newest[device], list[tuple[int, int, bool]]()
         for count in range(1, len(last) + 1):
             known_ns, is_over = done_ns[count - 1], False
             until_ns = done_ns[count] if count < len(last) else FOREVER_NS
             while (first := len(found)) < count:
-                number = min(last[k] + first - k for k in range(first, count))
-                if number > newest + 1:
+                least, most = self._bounds(device, member[first:count], last[first:count])
+                if most > least:
                     over_ns = self._cues.first_ns(sent_ns[first] + PATIENCE_NS)
                     if over_ns >= until_ns:
                         break
                     known_ns, is_over = max(known_ns, over_ns), True
-                newest = max(newest, number)
-                found.append((newest, known_ns, is_over))
+                own = member[first]
+                number = max(int(newest[own]), most)
+                if not is_over and number == last[first]:
+                    self._learn(*(np.array([one]) for one in (device, own, number)))
+                newest[own], self._last[device] = number, own
+                found.append((number, known_ns, is_over))
         return found
 
-
-def answered(replies: Sequence[Replies], device: IntArray, group: Group) -> Answered:
-    """Return the samples, sorted by device; those of devices without cues have no number yet."""
-    parts, is_other = list[Answered](), np.ones(len(device), np.bool_)
-    for some in replies:
-        own = some.owns[device]
-        parts.append(some.feed(device[own], group.part(own)))
-        is_other &= ~own
-    if len(parts) == 1 and not is_other.any():
-        return parts[0]
-    others = group.part(is_other)
-    none = np.full(len(others.sent_ns), REFUSED)
-    parts.append(Answered(device[is_other], others, none, others.sent_ns.copy()))
-    order = np.argsort(np.concatenate([part.device for part in parts]), kind="stable")
-    groups = zip(*(part.group for part in parts), strict=True)
-    device, number, t_ns = (np.concatenate([part[k] for part in parts])[order] for k in (0, 2, 3))
-    return Answered(device, Group(*map(np.concatenate, groups)).part(order), number, t_ns)
+    def _bounds(self, device: int, member: list[int], last: list[int]) -> tuple[int, int]:
+        """Return the least and the largest cue that the first of a device's messages may answer."""
+        after, same = self._after[device], np.eye(self._members, dtype=np.bool_)
+        for steps in (same | (after.T & ~after), same):  # [i, j]: least number of cues from j to i
+            bounds = np.full(self._members, FOREVER_NS)
+            for own, cue in zip(reversed(member), reversed(last), strict=True):
+                bounds[own] = min(cue, int((bounds - steps[:, own]).min()))
+            least = int((self._newest[device] + steps[member[0]]).max())
+            if least <= bounds[member[0]]:
+                break  # else the device does not keep its order
+        return least, int(bounds[member[0]])
