@@ -4,17 +4,15 @@ An action maps one item on its way to the host (one transmission of a serial dev
 frame) to the items that replace it. `Struck` applies an action to randomly chosen items; `chain`
 connects taps in series. Every random draw belongs to one item, so the result does not depend on
 how the items are batched. Serial actions need one transmission per chunk (the devices' chunking
-`datagram`); a `Regrouped` after them gives the host other chunks.
+`datagram`).
 """
 
-import struct
 from collections.abc import Callable, Sequence
-from itertools import groupby
 from typing import Generic, TypeVar
 
 import numpy as np
 
-from hil.devices import sagitta, stim300, tpdo1
+from hil.devices import stim300, tpdo1
 from hil.devices.can_segment import TimedFrame
 from hil.devices.canopen import SYNC_ID
 from hil.devices.uart import TimedBytes
@@ -92,26 +90,6 @@ def chain(*taps: Tap[Item]) -> Tap[Item]:
         return items
 
     return through
-
-
-class Regrouped:
-    """Byte tap that joins the chunks of one period and delivers them at its end."""
-
-    def __init__(self, period_ns: int) -> None:
-        self._period_ns = period_ns
-        self._held: list[TimedBytes] = []
-
-    def __call__(self, items: Sequence[TimedBytes]) -> list[TimedBytes]:
-        """Return the chunks of periods that are over; keep the others."""
-        period = self._period_ns
-        self._held += [(-(-t_ns // period) * period, data) for t_ns, data in items]
-        newest = self._held[-1][0] if self._held else 0
-        done = [item for item in self._held if item[0] < newest]
-        self._held = [item for item in self._held if item[0] >= newest]
-        return [
-            (t_ns, b"".join(data for _, data in group))
-            for t_ns, group in groupby(done, key=lambda item: item[0])
-        ]
 
 
 def drop(_item: Item, _rng: np.random.Generator) -> list[Item]:
@@ -215,27 +193,9 @@ def flip(item: TimedBytes, rng: np.random.Generator) -> list[TimedBytes]:
     return [(item[0], flip_bit(item[1], int(rng.integers(8 * len(item[1])))))]
 
 
-class FlipEveryBit:
-    """Byte action that inverts bit 0 of the first struck item, bit 1 of the next, and so on."""
-
-    def __init__(self) -> None:
-        self.bit = 0
-
-    def __call__(self, item: TimedBytes, _rng: np.random.Generator) -> list[TimedBytes]:
-        """Invert the next bit; after the last bit begin again with the first."""
-        flipped = flip_bit(item[1], self.bit % (8 * len(item[1])))
-        self.bit += 1
-        return [(item[0], flipped)]
-
-
 def rewrite(edit: Edit) -> ByteAction:
     """Return the action that edits a transmission; `edit` must set the check value."""
     return lambda item, rng: [(item[0], edit(item[1], rng))]
-
-
-def forge(edit: Edit) -> ByteAction:
-    """Return the action that adds an edited transmission after the true one."""
-    return lambda item, rng: [item, (item[0], edit(item[1], rng))]
 
 
 def stim_fields(
@@ -272,30 +232,6 @@ def stim_fields(
     return edit
 
 
-def sagitta_fields(
-    *,
-    address: int = sagitta.ADDRESS,
-    q_wxyz: Sequence[float] | None = None,
-    time_step_us: int = 0,
-    cut: int = 0,
-) -> Edit:
-    """Return the edit of a Sagitta solution that sets fields and drops `cut` payload bytes."""
-
-    def edit(data: bytes, _rng: np.random.Generator) -> bytes:
-        payload = sagitta.unframe(data[1:-1])
-        if payload is None:
-            raise ValueError(f"no frame of a star tracker: {data.hex()}")
-        body = bytearray(payload)
-        body[0] = address
-        (unix_us,) = struct.unpack_from("<Q", body, 8)
-        struct.pack_into("<Q", body, 8, unix_us + time_step_us)
-        if q_wxyz is not None:
-            struct.pack_into("<4f", body, 16, *q_wxyz)
-        return sagitta.frame(bytes(body[: len(body) - cut]))
-
-    return edit
-
-
 def is_tpdo1(frame: TimedFrame) -> bool:
     """Return whether a frame is a TPDO1: a joint's position and torque."""
     return TPDO1_ID < frame[1] <= TPDO1_ID + NODE_MASK
@@ -304,12 +240,6 @@ def is_tpdo1(frame: TimedFrame) -> bool:
 def is_node(node_id: int) -> Callable[[TimedFrame], bool]:
     """Return a function that returns whether a frame, of any service, is from the node."""
     return lambda frame: frame[1] > SYNC_ID and frame[1] & NODE_MASK == node_id
-
-
-def flip_payload(frame: TimedFrame, rng: np.random.Generator) -> list[TimedFrame]:
-    """Invert one bit of the data of a frame."""
-    t_ns, can_id, data, is_fd = frame
-    return [(t_ns, can_id, flip_bit(data, int(rng.integers(8 * len(data)))), is_fd)]
 
 
 def as_node(node_id: int) -> FrameAction:

@@ -16,6 +16,7 @@ import numpy as np
 from fsw.config import Config
 from fsw.estimators.model.inertia import report_jacobian, to_parameters
 from fsw.excitation import criteria, spline
+from fsw.excitation.firings import Firing
 from fsw.excitation.foreseen import foreseen_root
 from fsw.excitation.subject import build_subject
 from hil.run import bench
@@ -88,12 +89,12 @@ def stacked(bodies: Mapping[str, Mapping[str, Any]]) -> FloatArray:
     return np.concatenate(parts)
 
 
-def _firings(config: Config, scenario: Scenario) -> tuple[spline.Firing, ...]:
+def _firings(config: Config, scenario: Scenario) -> tuple[Firing, ...]:
     if scenario.thrusters is None:
         return ()
     names = [own.name for own in config.thrusters]
     return tuple(
-        spline.Firing(thruster=names[p.jet], on_s=p.on_s, for_s=p.for_s)
+        Firing(thruster=names[p.jet], on_s=p.on_s, for_s=p.for_s)
         for p in scenario.thrusters.pulses
         if p.reported
     )

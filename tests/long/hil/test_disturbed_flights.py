@@ -16,10 +16,11 @@ from hil.faults.taps import (
 from hil.links.virtual import VirtualBench
 from tests.support import malformed_cases as cases
 from tests.support.malformed_cases import CHI2_10_999, SAME, conserved
+from tests.support.taps import flip_payload
 
 
 def flip_payloads(world: VirtualBench) -> None:
-    world.can.tap = Struck(faults.flip_payload, 1e-3, 7, only=is_tpdo1)
+    world.can.tap = Struck(flip_payload, 1e-3, 7, only=is_tpdo1)
 
 
 @pytest.mark.parametrize("seed", [2, 3, 4])
@@ -90,7 +91,7 @@ def test_live_and_replay_agree_with_every_fault_at_once(tmp_path: Path) -> None:
         for k, port in enumerate((world.imu, world.star_tracker)):
             port.tap = chain(*(Struck(a, 0.01, 10 * k + i) for i, a in enumerate(byte_faults)))
         world.can.tap = chain(
-            Struck(faults.flip_payload, 1e-3, 30, only=is_tpdo1),
+            Struck(flip_payload, 1e-3, 30, only=is_tpdo1),
             Struck(change_frame(length=6), 1e-3, 31, only=is_tpdo1),
             Struck(faults.duplicate, 1e-3, 32, only=is_tpdo1),
             Struck(faults.drop, 1e-3, 33),

@@ -19,15 +19,12 @@ from fsw.exchange.recording import RecordedMessage
 from hil.devices import canopen, sagitta, stim300
 from hil.faults import taps as faults
 from hil.faults.taps import (
-    Regrouped,
     Struck,
     as_node,
     chain,
     change_frame,
-    forge,
     is_tpdo1,
     rewrite,
-    sagitta_fields,
     stim_fields,
 )
 from hil.run.bench import Recorded, Setup
@@ -43,6 +40,7 @@ from tests.support.malformed_cases import (
     frames_of,
 )
 from tests.support.plant_cases import reading
+from tests.support.taps import FlipEveryBit, Regrouped, flip_payload, forge, sagitta_fields
 
 LINKS = {IMU: "imu", TRACKER: "star_tracker", ARM: "arm"}
 REJECTS = ("sync", "length", "crc", "sequence", "range", "status", "node", "stale")
@@ -191,8 +189,8 @@ def test_every_flipped_bit_of_a_datagram_in_mid_stream_is_rejected(
     clean: Clean, tmp_path: Path
 ) -> None:
     struck = {
-        IMU: Struck(faults.FlipEveryBit(), 1.0, 1, rest=7),
-        TRACKER: Struck(faults.FlipEveryBit(), 1.0, 1, rest=1),
+        IMU: Struck(FlipEveryBit(), 1.0, 1, rest=7),
+        TRACKER: Struck(FlipEveryBit(), 1.0, 1, rest=1),
     }
     disturbed, reference = with_and_without(clean, struck, tmp_path)
     assert_same(disturbed, reference)
@@ -207,7 +205,7 @@ def test_every_flipped_bit_of_a_datagram_in_mid_stream_is_rejected(
 def test_every_flipped_bit_of_a_solution_in_mid_stream_is_rejected(clean: Clean) -> None:
     assert clean.setup.config.star_tracker is not None
     source = StarTrackerSource(clean.setup.config.star_tracker)
-    flip = faults.FlipEveryBit()
+    flip = FlipEveryBit()
     rng = np.random.default_rng(0)
     frames = [
         sagitta.frame(
@@ -332,7 +330,7 @@ def test_a_possible_but_implausible_reading_is_gated_like_a_missing_one(
 def test_other_flips_on_the_same_noise_leave_it_consistent(
     clean: Clean, tmp_path: Path, seed: int
 ) -> None:
-    tap = Struck(faults.flip_payload, 1e-3, 100 + seed, only=is_tpdo1)
+    tap = Struck(flip_payload, 1e-3, 100 + seed, only=is_tpdo1)
     records = cases.tapped(clean.records, {ARM: tap})
     estimate = cases.run(cases.write(tmp_path / "flips.mcap", records), clean.setup.config).estimate
     assert tap.count > 10

@@ -13,8 +13,9 @@ from fsw.drivers.layout.shipped import READ_JOINT, READ_JOINT_FD
 from hil.devices import canopen, sagitta
 from hil.faults import taps as faults
 from hil.faults import values
-from hil.faults.taps import Regrouped, Struck, chain
+from hil.faults.taps import Struck, chain
 from tests.support.plant_cases import reading
+from tests.support.taps import FlipEveryBit, Regrouped, flip_payload, sagitta_fields
 
 MS = 1_000_000
 # interfaces.md, section 2
@@ -88,7 +89,7 @@ def test_byte_actions_change_the_bytes_they_say() -> None:
 
 
 def test_flipping_every_bit_goes_through_them_and_begins_again() -> None:
-    flip = faults.FlipEveryBit()
+    flip = FlipEveryBit()
     flipped = [flip((0, STIM), rng())[0][1] for _ in range(8 * len(STIM) + 1)]
     assert len(set(flipped)) == 8 * len(STIM)
     assert flipped[0] == flipped[-1]
@@ -109,13 +110,13 @@ def test_an_edited_datagram_is_valid_and_differs_in_the_edited_fields() -> None:
 
 
 def test_an_edited_solution_is_valid_and_differs_in_the_edited_fields() -> None:
-    edit = faults.sagitta_fields(q_wxyz=(0.0, 1.0, 0.0, 0.0), time_step_us=-5)
+    edit = sagitta_fields(q_wxyz=(0.0, 1.0, 0.0, 0.0), time_step_us=-5)
     decoded = SagittaCodec().decode(edit(STAR, rng()))
     assert isinstance(decoded, flight_sagitta.Solution)
     assert decoded.q_wxyz == (0, 1, 0, 0)
     assert decoded.unix_us == 10**15 - 5
-    assert faults.sagitta_fields()(STAR, rng()) == STAR
-    shorter = flight_sagitta.decode_payload(faults.sagitta_fields(cut=3)(STAR, rng()))
+    assert sagitta_fields()(STAR, rng()) == STAR
+    shorter = flight_sagitta.decode_payload(sagitta_fields(cut=3)(STAR, rng()))
     assert isinstance(shorter, bytes)
     assert len(shorter) == 80
     with pytest.raises(ValueError, match="star tracker"):
@@ -130,7 +131,7 @@ def test_frame_actions_change_the_fields_they_say() -> None:
     true, forged = faults.as_node(0x22)(TPDO1, rng())
     assert true == TPDO1
     assert forged == (5, 0x1A2, *TPDO1[2:])
-    ((_, _, flipped, _),) = faults.flip_payload(TPDO1, rng())
+    ((_, _, flipped, _),) = flip_payload(TPDO1, rng())
     assert sum((a ^ b).bit_count() for a, b in zip(flipped, TPDO1[2], strict=True)) == 1
 
 

@@ -1,0 +1,17 @@
+"""Rows of one block."""
+
+from fsw.estimators.measurement.block_stack import BlockStack
+from fsw.estimators.measurement.energy import stacked_energy_rows
+from fsw.estimators.measurement.mrnea import Rows, stacked_mrnea_rows
+from fsw.estimators.model.problem import Problem
+from fsw.messages import Block, FloatArray
+
+
+def energy_rows(block: Block, x: FloatArray, problem: Problem) -> Rows:
+    """Return `stacked_energy_rows` of one block."""
+    return stacked_energy_rows(BlockStack((block,)), x, problem)[0]
+
+
+def mrnea_rows(block: Block, x: FloatArray, problem: Problem, weighting: str) -> Rows:
+    """Return `stacked_mrnea_rows` of one block."""
+    return stacked_mrnea_rows(BlockStack((block,)), x, problem, weighting)[0]
