@@ -9,12 +9,14 @@ from enum import StrEnum
 
 
 class Fault(StrEnum):
-    """Faults that the daemon distinguishes; the value names both the event and the counter."""
+    """Faults that the daemon distinguishes; the value names both the event and the counter.
+
+    A new fault is the last: the order gives the numbers of the events on the ground.
+    """
 
     # a CAN bus
     SYNC_LOST = "SYNC_LOST"
     SYNC_DOUBLED = "SYNC_DOUBLED"
-    SYNC_CREEPS = "SYNC_CREEPS"
     BUS_OFF = "BUS_OFF"
     BUS_ERRORS = "BUS_ERRORS"
     BUS_SILENT = "BUS_SILENT"
@@ -24,7 +26,6 @@ class Fault(StrEnum):
     NODE_RESTARTED = "NODE_RESTARTED"
     NODE_NO_SYNC = "NODE_NO_SYNC"
     NODE_TEST_DATA = "NODE_TEST_DATA"
-    NODE_CONTESTED = "NODE_CONTESTED"
     JOINT_SILENT = "JOINT_SILENT"
     JOINT_LOST = "JOINT_LOST"
     JOINT_DUPLICATE = "JOINT_DUPLICATE"
@@ -43,12 +44,6 @@ class Fault(StrEnum):
     TORQUE_STUCK = "TORQUE_STUCK"
     TORQUE_SPIKE = "TORQUE_SPIKE"
     TORQUE_INCONSISTENT = "TORQUE_INCONSISTENT"
-    # a wheel node
-    WHEEL_SILENT = "WHEEL_SILENT"
-    WHEEL_INCONSISTENT = "WHEEL_INCONSISTENT"
-    # a thruster node
-    THRUSTER_SILENT = "THRUSTER_SILENT"
-    THRUSTER_UNKNOWN = "THRUSTER_UNKNOWN"
     # the inertial unit
     IMU_SILENT = "IMU_SILENT"
     IMU_LOST = "IMU_LOST"
@@ -87,6 +82,14 @@ class Fault(StrEnum):
     LOOP_OVERRUN = "LOOP_OVERRUN"
     LOOP_STALLED = "LOOP_STALLED"
     LOOP_OVER_BUDGET = "LOOP_OVER_BUDGET"
+    # actuators of the base
+    WHEEL_SILENT = "WHEEL_SILENT"
+    WHEEL_INCONSISTENT = "WHEEL_INCONSISTENT"
+    THRUSTER_SILENT = "THRUSTER_SILENT"
+    THRUSTER_UNKNOWN = "THRUSTER_UNKNOWN"
+    # a CAN bus
+    NODE_CONTESTED = "NODE_CONTESTED"
+    SYNC_CREEPS = "SYNC_CREEPS"
 
 
 HIGH = frozenset(

@@ -87,6 +87,13 @@ def test_every_fault_and_every_event_in_the_source_has_a_number():
     assert {str(fault): severity(fault) for fault in Fault}.items() <= told.items()
 
 
+def test_the_order_of_faults_keeps_the_numbers_that_the_ground_knows():
+    numbers = {event.code: event.id for event in DICTIONARY.events}
+    assert [numbers[str(fault)] for fault in Fault] == [*range(200, 200 + len(Fault))]
+    told = {"SYNC_LOST": 200, "JOINT_SILENT": 210, "WHEEL_SILENT": 261, "SYNC_CREEPS": 266}
+    assert told.items() <= numbers.items()
+
+
 def test_its_crc_is_the_same_in_every_process():
     line = "from fsw.telemetry.dictionary import dictionary_crc32 as c; print(c())"
     found = {
