@@ -9,10 +9,10 @@ from typing import IO
 
 import numpy as np
 
-from fsw.checks.base_parts import part_faults
 from fsw.checks.urdf import check_urdf
 from fsw.config import Config
 from fsw.errors import ConfigError
+from fsw.estimators.effects.registered import ON_BASE
 from fsw.estimators.model.building import build_problem, robot_of
 from fsw.estimators.model.inertia import PARAMETERS, pseudo_inertia
 from fsw.estimators.model.problem import Problem
@@ -46,7 +46,8 @@ def load_problem(config: Config) -> Problem:
     _check_urdf(urdf)
     _check_masses(config, read_model(urdf, config.robot.tool_frame))
     problem = build_problem(config, robot_of(config), exact=config.estimator.is_regression)
-    if faults := part_faults(config, problem):
+    base = problem.pi(problem.prior_mean)[:PARAMETERS]
+    if faults := [line for kind in ON_BASE for line in kind.faults(config, base)]:
         raise ConfigError("\n".join(faults))
     return problem
 

@@ -8,7 +8,7 @@ from fsw.checks import budget
 from fsw.config import BaseConfig, BodyConfig, BusConfig, Config
 from fsw.config.joints import minute_walk
 from fsw.drivers.layout.joints import in_words, layouts_of
-from fsw.estimators.effects.registered import WORDS
+from fsw.estimators.effects.registered import ON_BASE
 from fsw.estimators.model.inertia import PARAMETERS
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.model.state_groups import GROUPS
@@ -19,7 +19,7 @@ def describe(config: Config, problem: Problem, costs: Sequence[str] = ()) -> str
     sections = (
         ("robot", _robot(config, problem)),
         ("bodies", _bodies(config, problem)),
-        *((section, words(config)) for section, words in WORDS.items() if getattr(config, section)),
+        *((kind.section, kind.words(config)) for kind in ON_BASE if getattr(config, kind.section)),
         ("buses", _buses(config)),
         ("serial", _serial(config)),
         ("loop", _loop(config)),
@@ -257,7 +257,6 @@ def _off(config: Config, problem: Problem) -> list[str]:
     If an effect is configured for some joints only, the other joints are named. Effects that cannot
     occur, such as the momentum of a clamped base, are not listed.
     """
-    estimator, motion = config.estimator, config.base.motion
     groups = [g for g in GROUPS if g.applies_to(config) and not g.is_exact_if_absent]
     groups.sort(key=lambda group: not group.joint_key)  # joints first
     off = [
@@ -268,19 +267,16 @@ def _off(config: Config, problem: Problem) -> list[str]:
     if not all(joint.torque_model_sigma_nm for joint in config.joints):
         where = _where(config, "torque_model_sigma_nm")
         off.append(f"torque that no model has{where} (joints[].torque_model_sigma_nm)")
-    effects = {"reaction wheels (wheels)": motion != "clamped" and not config.wheels}
-    if motion == "free":
-        effects |= {
-            "unknown firings, contact of the target (estimator.outside_wrench)": (
-                estimator.outside_wrench == "ignore"
-            ),
-            "thrusters (thrusters)": not config.thrusters,
-            "gravity gradient (orbit)": config.orbit is None,
-            "panels that bend and liquid that moves: MODEL_MISMATCH at best (modes)": not (
-                config.modes or any(body.liquid for body in config.bodies.values())
-            ),
-        }
-    off += [name for name, is_off in effects.items() if is_off]
+    off += [
+        f"{kind.absent} ({kind.section})"
+        for kind in ON_BASE
+        if kind.is_possible(config) and not getattr(config, kind.section)
+    ]
+    if config.base.motion == "free":
+        if config.estimator.outside_wrench == "ignore":
+            off.append("unknown firings, contact of the target (estimator.outside_wrench)")
+        if config.orbit is None:
+            off.append("gravity gradient (orbit)")
     for name, body in config.bodies.items():
         moving_kg = sum(part.mass_kg for part in body.liquid)
         if moving_kg:

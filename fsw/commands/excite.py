@@ -12,10 +12,11 @@ from fsw.commands.progress import Progress
 from fsw.commands.replay import replay
 from fsw.config import Config
 from fsw.errors import ConfigError
-from fsw.estimators.effects.registered import DEVICES
+from fsw.estimators.effects.registered import ON_BASE
 from fsw.exchange.sinks import Message, NullSink
 from fsw.excitation import assess, criteria, foreseen, spline
 from fsw.excitation.collision import Collisions
+from fsw.excitation.firings import Firing
 from fsw.excitation.limits import MotionLimits
 from fsw.excitation.motion import bounds, judged, knowledge, loaded, planned
 from fsw.excitation.plan import DENSER
@@ -75,9 +76,9 @@ def excite(arguments: argparse.Namespace, config: Config) -> int:
     return _plan(arguments, subject, limits, collisions)
 
 
-def what_stands_still(config: Config, firings: Sequence[spline.Firing]) -> list[str]:
+def what_stands_still(config: Config, firings: Sequence[Firing]) -> list[str]:
     """Return a line for each kind of actuator whose motion the plan leaves out."""
-    own = [kind for kind in DEVICES if getattr(config, kind.section)]
+    own = [kind for kind in ON_BASE if getattr(config, kind.section)]
     return [words for kind in own if (words := kind.unplanned(bool(firings)))]
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fsw.messages import CARRIED, Block
+from fsw.messages import Block
 
 LIMITS = {
     "q_rad": 1e4,
@@ -19,7 +19,9 @@ LIMITS = {
     "cov_acc": 1e12,
     "tau_products_nm2": 1e10,
     "imu_products": 1e10,
-    **dict(zip(CARRIED, (1e6, 1e5, 1e12), strict=True)),
+    "carried_nms": 1e6,
+    "carried_nm": 1e5,
+    "cov_carried": 1e12,
     "edges": 1e3,
     "opened_s": 1e9,
     "walk_rad2": 1e8,

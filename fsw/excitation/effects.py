@@ -1,7 +1,7 @@
 """The effects whose size a configuration or its URDF declares, and the error of leaving each out.
 
-The size of an effect that has states is their prior sigma. Otherwise: wheels hold the base still
-within their torque limits; thrusters fire as the motion says; modes swing as the motion drives
+The size of an effect that has states is their prior sigma. Otherwise: what can turn in the base
+holds it still within its limits; valves open as the motion says; modes swing as the motion drives
 them; if no orbit is configured, a low one is assumed; group delays are not subtracted.
 """
 
@@ -12,13 +12,14 @@ from functools import cached_property
 import numpy as np
 
 from fsw.config import Config, OrbitConfig, Section
-from fsw.config.actuators import ACTUATORS
 from fsw.config.constants import EARTH_GRAVITY_PARAMETER_M3_S2
+from fsw.estimators.effects.registered import ON_BASE
 from fsw.estimators.model.building import build_problem, joint_order
 from fsw.estimators.model.inertia import PARAMETERS
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.model.state_groups import GROUPS
+from fsw.excitation import firings
 from fsw.excitation.left_out import (
     Information,
     Shift,
@@ -30,7 +31,7 @@ from fsw.excitation.left_out import (
     measured,
 )
 from fsw.excitation.nominal import nominal_motion
-from fsw.excitation.spline import Firing, Trajectory
+from fsw.excitation.spline import Trajectory
 from fsw.messages import FloatArray, IntArray
 
 LOW_ORBIT_RAD_S = 1.16e-3  # mean motion at 300 km
@@ -77,7 +78,7 @@ def told(config: Config, problem: Problem, motion: Trajectory | None) -> list[st
 
 def undeclared(config: Config, problem: Problem) -> list[str]:
     """Return the effects without a declared size, each with the key that would declare the size."""
-    full = build_problem(with_sizes(config, problem.model), problem.model)
+    full = build_problem(with_sizes(config, problem), problem.model)
     kinds = {name.partition(".")[0] for name in full.names}
     found = [
         f"{group.effect} ({group.key})"
@@ -85,7 +86,7 @@ def undeclared(config: Config, problem: Problem) -> list[str]:
         if group.name not in kinds and group.applies_to(config)
     ]
     if config.base.motion == "free":
-        sections = (*ACTUATORS, "modes")
+        sections = [kind.section for kind in ON_BASE]
         found += [f"{name} ({name})" for name in sections if not getattr(config, name)]
         if config.estimator.outside_wrench == "ignore":
             found.append("contact of the target (estimator.outside_wrench)")
@@ -99,9 +100,8 @@ def costs(config: Config, problem: Problem, trajectory: Trajectory) -> list[Cost
         return []
     found = [
         *_of_states(flight),
-        *_of_wheels(flight),
-        *_of_thrusters(flight),
-        *_of_modes(flight),
+        *_of_parts(flight),
+        *_of_unknown_firing(flight),
         *_of_orbit(flight),
         *_of_delays(flight),
     ]
@@ -114,8 +114,7 @@ class _Flight:
     def __init__(self, config: Config, problem: Problem, trajectory: Trajectory) -> None:
         self.config, self.problem, self.trajectory = config, problem, trajectory
         blocks = blocks_along(config, problem, trajectory)
-        limits_nm = np.array([wheel.torque_limit_nm for wheel in config.wheels])
-        self.blocks = held(blocks, problem, limits_nm) if config.wheels else blocks
+        self.blocks = held(blocks, problem) if len(problem.carrier.most_nm) else blocks
 
     @cached_property
     def information(self) -> Information:
@@ -149,7 +148,7 @@ def _method(config: Config) -> str:
 
 def _of_states(flight: _Flight) -> Iterator[Cost]:
     config, problem = flight.config, flight.problem
-    sized = with_sizes(config, problem.model)
+    sized = with_sizes(config, problem)
     full = build_problem(sized, problem.model)
     own = Information(full, _method(config), flight.blocks)
     kinds = np.array([name.partition(".")[0] for name in full.names])
@@ -179,11 +178,12 @@ def _amplitudes(config: Config) -> str:
     return ", ".join(found)
 
 
-def with_sizes(config: Config, model: RobotModel) -> Config:
+def with_sizes(config: Config, problem: Problem) -> Config:
     """Return a configuration completed by effect sizes that are declared at other keys.
 
-    These are the friction in the URDF and the momentum that the wheels can store.
+    These are the friction in the URDF and the momentum that parts of the base can hold.
     """
+    model = problem.model
     order = joint_order(config, model)
     joints = list(config.joints)
     for place, k in enumerate(order):
@@ -197,46 +197,30 @@ def with_sizes(config: Config, model: RobotModel) -> Config:
         new = {key: size for key, size in urdf.items() if size and not getattr(joint, key)}
         joints[k] = joint.model_copy(update=new)
     estimator = config.estimator
-    held = sum(wheel.inertia_kg_m2 * wheel.speed_limit_rad_s for wheel in config.wheels)
+    held = float(problem.carrier.most_nms.sum())
     if held and not estimator.momentum_sigma_nms:
         estimator = estimator.model_copy(update={"momentum_sigma_nms": held})
     return config.model_copy(update={"joints": tuple(joints), "estimator": estimator})
 
 
-def _of_wheels(flight: _Flight) -> Iterator[Cost]:
-    if flight.config.wheels:
-        most_nm = max(wheel.torque_limit_nm for wheel in flight.config.wheels)
-        left = flight.without("wheels", channels(flight.blocks, flight.problem))
-        words = f"wheels that hold the base, up to {most_nm:.3g} N m each"
-        yield _cost(*left, words, "wheels", is_modelled=True)
+def _of_parts(flight: _Flight) -> Iterator[Cost]:
+    """Yield the cost of what the base carries, as it works along the motion."""
+    fired_s = sum(firing.for_s for firing in flight.trajectory.firings)
+    values = channels(flight.blocks, flight.problem)
+    for kind in ON_BASE:
+        for rest, words in kind.left_out(flight.config, fired_s):
+            left = flight.without(kind.section, values, rest)
+            yield _cost(*left, words, kind.section, is_modelled=True)
 
 
-def _of_thrusters(flight: _Flight) -> Iterator[Cost]:
+def _of_unknown_firing(flight: _Flight) -> Iterator[Cost]:
     config, problem, motion = flight.config, flight.problem, flight.trajectory
-    if not config.thrusters:
-        return
-    strongest = max(config.thrusters, key=lambda own: own.force_n)
-    total_s = sum(firing.for_s for firing in motion.firings)
-    if total_s:
-        left = flight.without("thrusters", channels(flight.blocks, problem))
-        words = f"thrusters, up to {strongest.force_n:.3g} N, {total_s:.3g} s of firings"
-        yield _cost(*left, words, "thrusters", is_modelled=True)
-    if config.estimator.outside_wrench == "ignore":
-        more = Firing(thruster=strongest.name, on_s=0.5 * motion.duration_s, for_s=FIRING_S)
-        fired = replace(motion, firings=(*motion.firings, more))
+    found = firings.of_strongest(config, 0.5 * motion.duration_s, FIRING_S)
+    if found is not None and config.estimator.outside_wrench == "ignore":
+        fired = replace(motion, firings=(*motion.firings, found[0]))
         shift = flight.unknown(channels(blocks_along(config, problem, fired), problem))
-        words = f"an unknown firing of {strongest.force_n:.3g} N for {FIRING_S:g} s"
+        words = f"an unknown firing of {found[1]:.3g} N for {FIRING_S:g} s"
         yield _cost(problem, shift, words, "estimator.outside_wrench", is_modelled=False)
-
-
-def _of_modes(flight: _Flight) -> Iterator[Cost]:
-    """Yield the cost of each mode while the others are modelled."""
-    modes = flight.config.modes
-    values = channels(flight.blocks, flight.problem) if modes else []
-    for k, mode in enumerate(modes):
-        left = flight.without("modes", values, (*modes[:k], *modes[k + 1 :]))
-        words = f"mode {mode.name} ({mode.kind}) as the motion drives it, {mode.mass_kg:.3g} kg"
-        yield _cost(*left, words, "modes", is_modelled=True)
 
 
 def _of_orbit(flight: _Flight) -> Iterator[Cost]:

@@ -11,7 +11,6 @@ Source: Tapley, Schutz, Born, Statistical Orbit Determination (2004), ch. 6 (con
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -27,7 +26,7 @@ from fsw.estimators.polynomial import gauss_nodes
 from fsw.excitation import criteria
 from fsw.excitation.sampled import sampled_blocks
 from fsw.excitation.spline import Trajectory
-from fsw.messages import CARRIED, Block, FloatArray, IntArray
+from fsw.messages import Block, FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -142,21 +141,20 @@ def late(values: FloatArray, delays_s: FloatArray, half_s: float) -> FloatArray:
     return values - delays_s * derivative(values, half_s)
 
 
-def held(blocks: Sequence[Block], problem: Problem, limits_nm: FloatArray) -> list[Block]:
-    """Return blocks in which what carries momentum holds the base still, by (k,) [N m] at most."""
-    model, x = problem.model, problem.prior_mean
+def held(blocks: Sequence[Block], problem: Problem) -> list[Block]:
+    """Return blocks in which what can turn in the base holds it still within its limits."""
+    model, x, most_nm = problem.model, problem.prior_mean, problem.carrier.most_nm
     to_axes = np.linalg.pinv(problem.carrier.axes)
-    momentum, found = np.zeros(len(limits_nm)), []
+    momentum, found = np.zeros(len(most_nm)), []
     for block, free in zip(blocks, channels(blocks, problem), strict=True):
         model.set_parameters(problem.pi(x))
         H = model.mass_matrices(block.q_rad)[:, :6, :6]
         about_com = H[:, 3:, 3:] - H[:, 3:, :3] @ H[:, :3, 3:] / H[:, :1, :1]
         half_s = 1e-9 * half_ns(block)
         wanted = (about_com @ free[:, -3:, None])[:, :, 0] @ to_axes.T
-        torque = np.clip(derivative(wanted, half_s), -limits_nm, limits_nm)
+        torque = np.clip(derivative(wanted, half_s), -most_nm, most_nm)
         cumulative, weights = integration(len(torque))
         held_nms = momentum + half_s * cumulative @ torque
-        changed: dict[str, Any] = {CARRIED[0]: held_nms, CARRIED[1]: torque}
-        found.append(replace(block, **changed))
+        found.append(replace(block, carried_nms=held_nms, carried_nm=torque))
         momentum = momentum + half_s * weights @ torque
     return found

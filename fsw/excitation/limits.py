@@ -11,7 +11,7 @@ from fsw.config import Finite, NonNegative, Positive, PositiveVector3, Section, 
 from fsw.config.text import LIMITS, TextError, explain, must_be, read_yaml
 from fsw.errors import ConfigError
 from fsw.estimators.model.robot import RobotModel
-from fsw.excitation.spline import Firing
+from fsw.excitation.firings import Firing
 from fsw.messages import FloatArray
 
 Bound = tuple[Finite | None, Finite | None]
@@ -60,7 +60,7 @@ class MotionLimits(Section):
     clearance_m: NonNegative | None = None  # least distance of collision pairs; null: unchecked
     target_box: TargetBox | None = None
     mode_amplitude: Mapping[str, Positive] = Field(default_factory=dict)  # by name [rad or m]
-    firings: tuple[Firing, ...] = ()  # of thrusters, during the motion
+    firings: tuple[Firing, ...] = ()  # during the motion
     # fixed first and last pose; prismatic joints in m
     start_rad: Annotated[tuple[Finite, ...], Field(min_length=1)] | None = None
     end_rad: Annotated[tuple[Finite, ...], Field(min_length=1)] | None = None

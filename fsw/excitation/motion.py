@@ -1,9 +1,9 @@
 """Planned motions, from request to files, for `fsw excite`, `RUN_PLAN` and the Python API."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from fsw.config import Config
 from fsw.errors import ConfigError
 from fsw.estimators.model.inertia import from_parameters
 from fsw.estimators.parameter_verdicts import in_words, predicted_verdicts
-from fsw.excitation import assess, criteria, export, foreseen, spline
+from fsw.excitation import assess, criteria, export, firings, foreseen, spline
 from fsw.excitation.collision import Collisions, build_collisions
 from fsw.excitation.limits import MotionLimits
 from fsw.excitation.limits import load as load_limits
@@ -22,11 +22,6 @@ from fsw.excitation.verify import Use
 from fsw.messages import FloatArray
 
 Report = Callable[[str], None]
-
-
-class _Named(Protocol):
-    @property
-    def name(self) -> str: ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -125,8 +120,9 @@ def bounds(
     ConfigError when the limits are invalid.
     """
     limits, collisions = load_limits(path), None
-    _check_names(path, "mode_amplitude", limits.mode_amplitude, config.modes)
-    _check_names(path, "firings", [f.thruster for f in limits.firings], config.thrusters)
+    names = [mode.name for mode in config.modes]
+    firings.check_names(path, "mode_amplitude", limits.mode_amplitude, names)
+    firings.check(path, limits.firings, config)
     if limits.clearance_m is None:
         report("clearance_m is null: collisions are NOT checked; look at the motion with fsw view")
     else:
@@ -175,14 +171,6 @@ def judged(
     return values | assess.fused_criteria(subject, root), root
 
 
-def _check_names(path: Path, key: str, named: Iterable[str], known: Iterable[_Named]) -> None:
-    names = [own.name for own in known]
-    for name in named:
-        if name not in names:
-            there = ", ".join(names) or "none configured"
-            raise ConfigError(f"{path}: {key}: {name!r} is not one of them: {there}")
-
-
 def check_motion(config: Config, path: Path) -> list[str]:
     """Return the predicted sigmas of the unknown bodies after a motion from a file, in words.
 
@@ -201,12 +189,12 @@ def loaded(path: Path, config: Config) -> spline.Trajectory:
 
     Raises
     ------
-    ConfigError when the file is not a trajectory, or its joints or thrusters are not the robot's.
+    ConfigError when the file is not a trajectory, or it is of another robot.
     """
     trajectory = spline.load(path)
     if trajectory.n != len(config.joints):
         raise ConfigError(f"{path}: has {trajectory.n} joints; the robot has {len(config.joints)}")
-    _check_names(path, "firings", [f.thruster for f in trajectory.firings], config.thrusters)
+    firings.check(path, trajectory.firings, config)
     return trajectory
 
 

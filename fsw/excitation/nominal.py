@@ -1,15 +1,15 @@
-"""The nominal motion, used without a planned one: every joint swings, every thruster fires."""
+"""The nominal motion, used without a planned one: every joint swings, every valve opens."""
 
 import numpy as np
 
 from fsw.config import Config
 from fsw.estimators.model.building import joint_order
 from fsw.estimators.model.robot import RobotModel
-from fsw.excitation.spline import REST_POINTS, Firing, Trajectory
+from fsw.excitation.firings import in_turn
+from fsw.excitation.spline import REST_POINTS, Trajectory
 from fsw.messages import FloatArray
 
 DURATION_S = 20.0
-FIRING_S = 1.0  # longest firing of each thruster; they fire one after the other
 POINTS = 40
 SWINGS = 1.0  # swings of the first joint; each further joint makes an eighth of a swing more
 SWING = {"revolute": 0.3, "prismatic": 0.1}  # largest amplitude [rad or m]
@@ -34,11 +34,8 @@ def nominal_motion(config: Config, model: RobotModel) -> Trajectory:
     inner = np.linspace(0.0, DURATION_S, POINTS)[:, None]
     points: FloatArray = middle + swing * np.sin(turns_rad_s * inner)
     ends = np.repeat(middle[None], REST_POINTS, axis=0)
-    step_s = DURATION_S / (len(config.thrusters) + 1)
-    firings = tuple(
-        Firing(thruster=own.name, on_s=step_s * (k + 0.5), for_s=min(FIRING_S, 0.5 * step_s))
-        for k, own in enumerate(config.thrusters)
-    )
     return Trajectory(
-        duration_s=DURATION_S, points_rad=np.concatenate([ends, points, ends]), firings=firings
+        duration_s=DURATION_S,
+        points_rad=np.concatenate([ends, points, ends]),
+        firings=in_turn(config, DURATION_S),
     )

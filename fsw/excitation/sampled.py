@@ -13,6 +13,7 @@ from fsw.estimators.model.building import joint_order
 from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.rotation import rotation_from_xyzw
 from fsw.excitation import attitude
+from fsw.excitation.firings import by_device
 from fsw.excitation.spline import Trajectory
 from fsw.messages import Block, ChannelWindow, FloatArray, IntArray, Window
 
@@ -54,10 +55,7 @@ class _Windows:
         count = max(int(np.ceil(trajectory.duration_s * config.imu.rate_hz)), 1)
         step_s = trajectory.duration_s / count
         w = signals(step_s * np.arange(0.5, count))[1]
-        firings: dict[str, list[tuple[float, float]]] = {}
-        for own in trajectory.firings:
-            firings.setdefault(own.thruster, []).append((own.on_s, own.for_s))
-        self._driven = Driven(wrench=self._wrench, firings=firings)
+        self._driven = Driven(wrench=self._wrench, firings=by_device(trajectory.firings))
         self._R_NB, self._step_s = attitude.attitudes(w, step_s), step_s
 
     def at(self, index: int, window_ns: int) -> Window:

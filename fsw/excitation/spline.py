@@ -15,22 +15,14 @@ import numpy as np
 import yaml
 from scipy.interpolate import BSpline
 
-from fsw.config import NonNegative, Positive, Section
 from fsw.config.text import RECORDING, kind_of
 from fsw.errors import ConfigError
+from fsw.excitation.firings import Firing
 from fsw.messages import FloatArray
 
 DEGREE = 5
 REST_POINTS = 4
 DERIVATIVES = 4  # position, velocity, acceleration, jerk
-
-
-class Firing(Section):
-    """One pulse of a thruster: its start [s] from the start of the motion, and its duration [s]."""
-
-    thruster: str
-    on_s: NonNegative
-    for_s: Positive
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

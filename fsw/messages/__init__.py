@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 MAX_EVENT_TEXT = 1000  # characters
-CARRIED = ("wheel_nms", "wheel_nm", "cov_wheel")  # momentum of k parts of the base
-OF_THRUSTERS = ("edges", "opened_s")
-OF_SPEEDS = ("walk_rad2",)
-PARTS = (CARRIED, OF_THRUSTERS, OF_SPEEDS)  # fields of a block; absent if the last one is empty
+CARRIED = ("carried_nms", "carried_nm", "cov_carried")  # momentum of k parts of the base
+# fields of a block; absent if the last one is empty
+PARTS = (CARRIED, ("edges", "opened_s"), ("walk_rad2",))
 MOST_EDGES = 48  # most changes of valves that a block holds
 
 
@@ -124,7 +123,7 @@ class Window:
         return self.devices.get(section, ())
 
 
-def _no_wheels() -> FloatArray:
+def _no_rows() -> FloatArray:
     return np.zeros((0, 0))
 
 
@@ -171,12 +170,12 @@ class Block:
     tau_products_nm2: FloatArray = field(default_factory=lambda: np.zeros((1, 1)))
     # (L, 2) the same for gyro and accelerometer, mean over the axes
     imu_products: FloatArray = field(default_factory=lambda: np.zeros((1, 2)))
-    # k reaction wheels about their axes, in configured order; empty without wheels
-    wheel_nms: FloatArray = field(default_factory=_no_wheels)  # (m, k) momentum from the speed
-    wheel_nm: FloatArray = field(default_factory=_no_wheels)  # (m, k) derivative of the momentum
-    cov_wheel: FloatArray = field(default_factory=_no_noise)  # (k, 2 m, 2 m) of both at the nodes
-    # valves of K thrusters; empty without thrusters
-    edges: FloatArray = field(default_factory=_no_wheels)  # (MOST_EDGES, 3), see effects/switched
+    # k parts of the base that turn about their axes, in configured order; empty without any
+    carried_nms: FloatArray = field(default_factory=_no_rows)  # (m, k) momentum
+    carried_nm: FloatArray = field(default_factory=_no_rows)  # (m, k) its derivative
+    cov_carried: FloatArray = field(default_factory=_no_noise)  # (k, 2 m, 2 m) of both at the nodes
+    # K valves; empty without any
+    edges: FloatArray = field(default_factory=_no_rows)  # (MOST_EDGES, 3), see effects/switched
     opened_s: FloatArray = field(default_factory=_no_times)  # (K,) open time up to window start
     # (n,) variance of integrated joint angles' error at the window's start; empty: no such joint
     walk_rad2: FloatArray = field(default_factory=_no_times)

@@ -55,7 +55,7 @@ def turning(block: Block, seed: int = 1) -> Block:
     roots = rng.normal(size=(k, 2 * m, 2 * m))
     return replace(
         block,
-        wheel_nms=2.0 * rng.normal(size=(m, k)),
-        wheel_nm=0.2 * rng.normal(size=(m, k)),
-        cov_wheel=1e-6 * roots @ roots.transpose(0, 2, 1),
+        carried_nms=2.0 * rng.normal(size=(m, k)),
+        carried_nm=0.2 * rng.normal(size=(m, k)),
+        cov_carried=1e-6 * roots @ roots.transpose(0, 2, 1),
     )

@@ -188,16 +188,9 @@ class Mapping(Section):
     star_tracker: StarTracker | None = None
 
     @property
-    def sections(self) -> dict[str, Joints | WrenchSensors | Wheels | Imu | StarTracker]:
+    def sections(self) -> dict[str, Source]:
         """The sections that the file contains, by name of their source."""
-        every = {
-            "joints": self.joints,
-            "wrench_sensors": self.wrench_sensors,
-            "wheels": self.wheels,
-            "imu": self.imu,
-            "star_tracker": self.star_tracker,
-        }
-        return {name: section for name, section in every.items() if section is not None}
+        return {name: section for name, section in self if isinstance(section, Source)}
 
     def time_of(self, name: str, section: Source) -> TimeColumn:
         """Return the column of a source's stamps. Raises ConfigError if none is mapped."""

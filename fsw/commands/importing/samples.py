@@ -137,16 +137,7 @@ def sampled_channels(
         section = (
             _Section(name, mapping, source, open_table) if poses is None else poses.of(name, source)
         )
-        if isinstance(source, Joints):
-            found = found_joints(config, source, section)
-        elif isinstance(source, Wheels):
-            found = _wheels(config, source, section)
-        elif isinstance(source, WrenchSensors):
-            found = _wrench_sensors(config, source, section)
-        elif isinstance(source, Imu):
-            found = _imu(config, source, section)
-        else:
-            found = _star_tracker(config, source, section)
+        found = FOUND[name](config, source, section)
         yield _channel(section, found if poses is None else replace(found, may_repeat=True))
 
 
@@ -230,6 +221,15 @@ def _star_tracker(config: Config, mapped: StarTracker, section: _Section) -> Fou
         columns=part.columns,
         slots="xyzw",
     )
+
+
+FOUND: dict[str, Callable[..., Found]] = {
+    "joints": found_joints,
+    "wrench_sensors": _wrench_sensors,
+    "wheels": _wheels,
+    "imu": _imu,
+    "star_tracker": _star_tracker,
+}
 
 
 def _channel(section: _Section, found: Found) -> Channel:

@@ -42,11 +42,6 @@ class Widening:
     bounded: bool
     note: str
 
-    @property
-    def nonlinear(self) -> bool:
-        """Return whether the linearisation fails or a side is not bounded."""
-        return bool(self.note)
-
 
 def widen(
     x: FloatArray,

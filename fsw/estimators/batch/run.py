@@ -132,7 +132,7 @@ def _run(
             f"{' or '.join(held)}"
         )
     if not config.joints and method != "mrnea":
-        raise EstimatorError(f"method {method!r} needs joints; a body with wheels alone has mrnea")
+        raise EstimatorError(f"method {method!r} needs joints; a body without has mrnea")
     blind = [joint.name for joint in config.joints if joint.torque == "none"]
     if blind and method in NEED_EVERY_TORQUE:
         raise EstimatorError(

@@ -63,6 +63,8 @@ class Carrier:
     scale: slice | None  # states s_k; None: exact
     delay: slice | None  # states t_k
     window_s: float
+    most_nms: FloatArray  # (k,) that each part can hold
+    most_nm: FloatArray  # (k,) at which it can change
 
     def __call__(self, s: BlockStack, x: FloatArray) -> Carried | None:
         """Return the momentum at the nodes for a state x (p,); None if nothing carries any.

@@ -52,7 +52,6 @@ class Device:
     gentle : values at times (k,) [s] of a window of a length [s] in which it works gently
     groups : of states that are part of the table beside one another
     follow : what makes the devices' part of blocks; None: they are sensors of the arm
-    unplanned : what a planned motion leaves out, in words; the argument: whether anything fires
     along : noise-free samples of entry i in the window [start_ns, stop_ns) of a motion, from the
         times (k,) [ns] of its reports
     """
@@ -62,7 +61,6 @@ class Device:
     along: Callable[[Any, int, IntArray, tuple[int, int], Driven], Samples]
     groups: tuple[StateGroup, ...] = ()
     follow: Callable[[Config], Follower] | None = None
-    unplanned: Callable[[bool], str] = lambda _fires: ""
 
     def followers(self, config: Config) -> list[Follower]:
         """Return what follows the devices of a configuration; empty if it has none."""

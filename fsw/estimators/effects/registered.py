@@ -9,6 +9,6 @@ from fsw.estimators.effects.wrench_sensor import WRENCH_SENSORS
 from fsw.estimators.model import modes
 
 TORQUE_EFFECTS = (VISCOUS, COULOMB, LOAD, ROTOR, RIPPLE)
-WORDS = {"wheels": wheels.words, "modes": modes.words, "thrusters": thrusters.words}
+ON_BASE = (wheels.ON_BASE, thrusters.ON_BASE, modes.ON_BASE)
 DEVICES = (WHEELS, THRUSTERS, WRENCH_SENSORS)
-__all__ = ["DEVICES", "TORQUE_EFFECTS", "WORDS", "carrier", "switched"]
+__all__ = ["DEVICES", "ON_BASE", "TORQUE_EFFECTS", "carrier", "switched"]

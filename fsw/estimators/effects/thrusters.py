@@ -11,6 +11,7 @@ import numpy as np
 
 from fsw.config import Config, ThrusterConfig
 from fsw.estimators.effects.device import Device, Driven, Part, Samples
+from fsw.estimators.effects.on_base import Costly, OnBase, is_free
 from fsw.estimators.effects.switched import Switched, changes
 from fsw.estimators.model.state_group import StateGroup, per_part
 from fsw.messages import MOST_EDGES, ChannelWindow, FloatArray, IntArray, Window
@@ -195,23 +196,16 @@ def _follow(config: Config) -> Valves:
     return Valves(config.thrusters, switched(config, {}).tail_s)
 
 
-def _unplanned(fires: bool) -> str:
-    if fires:
-        return "thrusters: limits of the base do not count what the firings move"
-    return "thrusters: counted without a firing; name them in `firings`"
-
-
 THRUSTERS = Device(
     section="thrusters",
     groups=(FORCE, DELAY, RISE),
     gentle=_opening,
     along=_fired,
     follow=_follow,
-    unplanned=_unplanned,
 )
 
 
-def words(config: Config) -> list[str]:
+def _words(config: Config) -> list[str]:
     """Return a line for each thruster, and a line on what the model contains."""
     lines = []
     for own in config.thrusters:
@@ -222,3 +216,25 @@ def words(config: Config) -> list[str]:
             f"{1e3 * own.rise_s:.3g} +- {1e3 * own.rise_sigma_s:.3g} ms"
         )
     return [*lines, "modelled: force, delay and rise of each; propellant that leaves is not"]
+
+
+def _left_out(config: Config, fired_s: float) -> list[Costly]:
+    strongest_n = max((own.force_n for own in config.thrusters), default=0.0)
+    words = f"thrusters, up to {strongest_n:.3g} N, {fired_s:.3g} s of firings"
+    return [((), words)] * bool(config.thrusters and fired_s)
+
+
+def _unplanned(fires: bool) -> str:
+    if fires:
+        return "thrusters: limits of the base do not count what the firings move"
+    return "thrusters: counted without a firing; name them in `firings`"
+
+
+ON_BASE = OnBase(
+    section="thrusters",
+    absent="thrusters",
+    is_possible=is_free,
+    words=_words,
+    left_out=_left_out,
+    unplanned=_unplanned,
+)

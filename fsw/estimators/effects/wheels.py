@@ -12,7 +12,7 @@ Williams, Gaussian Processes for Machine Learning (2006), sec. 2.2, 5.4.2 (leave
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,9 +21,11 @@ from scipy.linalg.lapack import dpotrf, dpotri, dtrtrs
 from fsw.config import Config, WheelConfig
 from fsw.estimators.effects.carried import Carrier
 from fsw.estimators.effects.device import Device, Driven, Part, Samples
+from fsw.estimators.effects.on_base import Costly, OnBase
+from fsw.estimators.model.inertia import about_com
 from fsw.estimators.model.state_group import StateGroup, per_part
 from fsw.estimators.window_fit import Instants, Wanted, fit_windows
-from fsw.messages import CARRIED, ChannelWindow, FloatArray, IntArray, Window, false_alarms
+from fsw.messages import ChannelWindow, FloatArray, IntArray, Window, false_alarms
 from fsw.messages.findings import Fault, Finding
 
 BEFORE_PERIODS = 4.0  # report periods before the window whose samples are used too
@@ -125,9 +127,9 @@ class WheelsMotion:
         known, fields = [turn for turn in found if turn is not None], None
         if len(known) == len(found):
             fields = {
-                CARRIED[0]: np.stack([turn.h_nms for turn in known], axis=1),
-                CARRIED[1]: np.stack([turn.hd_nm for turn in known], axis=1),
-                CARRIED[2]: np.stack([turn.covariance for turn in known]),
+                "carried_nms": np.stack([turn.h_nms for turn in known], axis=1),
+                "carried_nm": np.stack([turn.hd_nm for turn in known], axis=1),
+                "cov_carried": np.stack([turn.covariance for turn in known]),
             }
         removed = sum(turn.removed for turn in known)
         return Part(fields=fields, findings=findings, removed=removed)
@@ -297,7 +299,6 @@ WHEELS = Device(
     gentle=_speeding_up,
     along=_at_rest,
     follow=WheelsMotion,
-    unplanned=lambda _: "wheels: counted as if they stood still relative to the base",
 )
 
 
@@ -305,10 +306,33 @@ def carrier(config: Config, places: Mapping[str, slice]) -> Carrier:
     """Return the wheels of a configuration, for a state whose groups are at `places`."""
     axes = np.array([wheel.axis_B for wheel in config.wheels]).reshape(-1, 3).T
     states = places.get(SCALE.name), places.get(DELAY.name)
-    return Carrier(axes, *states, config.estimator.window_s)
+    speed = np.array([own.inertia_kg_m2 * own.speed_limit_rad_s for own in config.wheels])
+    torque = np.array([own.torque_limit_nm for own in config.wheels])
+    return Carrier(axes, *states, config.estimator.window_s, speed, torque)
 
 
-def words(config: Config) -> list[str]:
+def _faults(config: Config, base: FloatArray) -> Iterator[str]:
+    """Yield a line for each rotor with at least the inertia of the base (10,) about its axis."""
+    if config.base.motion != "free" or base[0] <= 0.0:
+        return
+    central = about_com(base)
+    for i, wheel in enumerate(config.wheels):
+        axis = np.array(wheel.axis_B)
+        most = float(axis @ central @ axis)
+        if wheel.inertia_kg_m2 >= most:
+            yield (
+                f"wheels.{i}.inertia_kg_m2: {wheel.inertia_kg_m2:g} ({wheel.name}); locked it "
+                f"belongs to base; must be below its inertia about the wheel's axis, {most:.4g}"
+            )
+
+
+def _left_out(config: Config, _fired_s: float) -> list[Costly]:
+    limits = [wheel.torque_limit_nm for wheel in config.wheels]
+    words = f"wheels that hold the base, up to {max(limits, default=0.0):.3g} N m each"
+    return [((), words)] * bool(limits)
+
+
+def _words(config: Config) -> list[str]:
     """Return a line for each wheel, and a line on what the model does not contain."""
     lines = []
     for wheel in config.wheels:
@@ -321,3 +345,14 @@ def words(config: Config) -> list[str]:
             f"{most:.4g} N m s and {wheel.torque_limit_nm:.4g} N m"
         )
     return [*lines, "mass and locked inertia of every wheel belong to base; imbalance is noise"]
+
+
+ON_BASE = OnBase(
+    section="wheels",
+    absent="reaction wheels",
+    is_possible=lambda config: config.base.motion != "clamped",
+    words=_words,
+    faults=_faults,
+    left_out=_left_out,
+    unplanned=lambda _: "wheels: counted as if they stood still relative to the base",
+)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.estimators.effects.joint_torque import JointMotion
-from fsw.messages import CARRIED, PARTS, Block, FloatArray
+from fsw.messages import PARTS, Block, FloatArray
 
 
 def covariance_root(covariance: FloatArray) -> FloatArray:
@@ -73,9 +73,8 @@ class BlockStack:
         self.wd_NB_B_rad_s2 = _joined([block.wd_NB_B_rad_s2 for block in blocks])
         self.f_NS_B_m_s2 = _joined([block.f_NS_B_m_s2 for block in blocks])
         self.R_NB = _joined([block.R_NB for block in blocks])
-        self.carried_nms, self.carried_nm = (
-            _joined([getattr(block, name) for block in blocks]) for name in CARRIED[:2]
-        )
+        self.carried_nms = _joined([block.carried_nms for block in blocks])
+        self.carried_nm = _joined([block.carried_nm for block in blocks])
 
     @cached_property
     def cov_joint(self) -> FloatArray:
@@ -100,7 +99,7 @@ class BlockStack:
     @cached_property
     def cov_carried(self) -> FloatArray:
         """Covariance of the momentum of parts of the base and its derivative."""
-        return _stacked([getattr(block, CARRIED[2]) for block in self.blocks])
+        return _stacked([block.cov_carried for block in self.blocks])
 
     @cached_property
     def root_rates(self) -> FloatArray:

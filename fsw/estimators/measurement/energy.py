@@ -20,7 +20,7 @@ from fsw.estimators.effects.joint_torque import added, fill_columns
 from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.measurement.mrnea import Rows, field, whitened
 from fsw.estimators.model.problem import Problem
-from fsw.messages import Block, FloatArray
+from fsw.messages import FloatArray
 
 
 @lru_cache(maxsize=8)
@@ -38,11 +38,6 @@ def _weak_form(nodes: int) -> tuple[FloatArray, FloatArray]:
         # Legendre's equation: d/ds[(1 - s^2) P_k'] = -k (k + 1) P_k
         slope[k - 1] = -weights * k * (k + 1) * legendre.legval(points, unit)
     return value, slope
-
-
-def energy_rows(block: Block, x: FloatArray, problem: Problem) -> Rows:
-    """Return `stacked_energy_rows` of one block."""
-    return stacked_energy_rows(BlockStack((block,)), x, problem)[0]
 
 
 def stacked_energy_rows(s: BlockStack, x: FloatArray, problem: Problem) -> list[Rows]:

@@ -104,11 +104,6 @@ def whitened(L: FloatArray, X: FloatArray, r: FloatArray) -> tuple[FloatArray, F
     return white[:, :p], white[:, p]
 
 
-def mrnea_rows(block: Block, x: FloatArray, problem: Problem, weighting: str) -> Rows:
-    """Return `stacked_mrnea_rows` of one block."""
-    return stacked_mrnea_rows(BlockStack((block,)), x, problem, weighting)[0]
-
-
 def stacked_mrnea_rows(
     s: BlockStack, x: FloatArray, problem: Problem, weighting: str
 ) -> list[Rows]:

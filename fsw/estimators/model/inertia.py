@@ -56,11 +56,7 @@ def to_parameters(mass_kg: float, com_m: FloatArray, inertia_kg_m2: FloatArray) 
 
 def from_parameters(pi: FloatArray) -> tuple[float, FloatArray, FloatArray]:
     """Return mass, centre of mass (3,) and central inertia (6,) xx xy xz yy yz zz of pi (10,)."""
-    m = float(pi[0])
-    c = pi[1:4] / m
-    origin = pi[4:][_SYMMETRIC]
-    central = origin - m * (c @ c * np.eye(3) - np.outer(c, c))
-    return m, c, central[_REPORT_INDEX]
+    return float(pi[0]), pi[1:4] / pi[0], about_com(pi)[_REPORT_INDEX]
 
 
 def report_jacobian(pi: FloatArray) -> FloatArray:
@@ -84,6 +80,13 @@ def about_origin(pi: FloatArray) -> FloatArray:
     """Return the inertia matrix (3, 3) of pi (10,) about its frame's origin [kg m2]."""
     found: FloatArray = pi[4:][_SYMMETRIC]
     return found
+
+
+def about_com(pi: FloatArray) -> FloatArray:
+    """Return the inertia matrix (3, 3) of pi (10,) about its centre of mass [kg m2]."""
+    m, c = pi[0], pi[1:4] / pi[0]
+    central: FloatArray = about_origin(pi) - m * (c @ c * np.eye(3) - np.outer(c, c))
+    return central
 
 
 def pseudo_inertia(pi: FloatArray) -> FloatArray:

@@ -11,7 +11,7 @@ ratio). With M the mass of liquid or a panel's inertia about its hinge, w and ze
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -20,7 +20,14 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from fsw.config import Config, ModeConfig
-from fsw.estimators.model.inertia import PARAMETERS, frame_change, to_parameters
+from fsw.estimators.effects.on_base import Costly, OnBase, is_free
+from fsw.estimators.model.inertia import (
+    PARAMETERS,
+    about_com,
+    frame_change,
+    is_consistent,
+    to_parameters,
+)
 from fsw.estimators.model.robot import Appended
 from fsw.messages import FloatArray
 
@@ -158,7 +165,7 @@ def _released(locked: Problem, modes: Sequence[ModeConfig]) -> Problem:
     return replace(locked, model=locked.model.with_joints(joints), pi_known=whole, U=U)
 
 
-def words(config: Config) -> list[str]:
+def _words(config: Config) -> list[str]:
     """Return a line for each mode with its declared values and the effect of leaving it out."""
     lines = []
     for mode in config.modes:
@@ -174,3 +181,45 @@ def words(config: Config) -> list[str]:
             f"{far} unexplained, and faster motions would miss its mass in base"
         )
     return [*lines, "at rest every mode belongs to base; stops and walls are not modelled"]
+
+
+def _fault(config: Config, base: FloatArray) -> Iterator[str]:
+    """Yield a line for the first mode without which the base (10,) is no possible body."""
+    if not is_consistent(base):
+        return  # a fault of the URDF, reported by another check
+    rest = base
+    for i, mode in enumerate(config.modes):
+        rest = rest - in_base(mode)
+        if is_consistent(rest):
+            continue
+        at = f"modes.{i}.mass_kg: {mode.mass_kg:g} ({mode.name}); at rest it belongs to base, "
+        if rest[0] <= 0.0:
+            yield f"{at}of {base[0]:g} kg; must be below {rest[0] + mode.mass_kg:g}"
+            return
+        yield (
+            f"{at}which without it, at p_B_m {list(mode.p_B_m)}, would have the principal moments "
+            f"{np.linalg.eigvalsh(about_com(rest)).round(3).tolist()} kg m^2; must be positive, "
+            "each below the sum of the other two"
+        )
+        return
+
+
+def _left_out(config: Config, _fired_s: float) -> list[Costly]:
+    """Return each mode, while the others are modelled."""
+    modes = config.modes
+    words = "mode {0.name} ({0.kind}) as the motion drives it, {0.mass_kg:.3g} kg"
+    return [((*modes[:k], *modes[k + 1 :]), words.format(own)) for k, own in enumerate(modes)]
+
+
+def _is_possible(config: Config) -> bool:
+    return is_free(config) and not any(body.liquid for body in config.bodies.values())
+
+
+ON_BASE = OnBase(
+    section="modes",
+    absent="panels that bend and liquid that moves: MODEL_MISMATCH at best",
+    is_possible=_is_possible,
+    words=_words,
+    faults=_fault,
+    left_out=_left_out,
+)

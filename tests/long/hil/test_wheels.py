@@ -12,7 +12,6 @@ import pytest
 from fsw.config import Config
 from fsw.estimators.batch.run import run_batch
 from fsw.estimators.measurement.fused import predict
-from fsw.estimators.measurement.mrnea import mrnea_rows
 from fsw.estimators.model.building import build_problem
 from fsw.estimators.polynomial import gauss_nodes
 from fsw.messages import Block
@@ -34,6 +33,7 @@ from tests.support.estimator_cases import (
     true_block,
     wrong,
 )
+from tests.support.one_block import mrnea_rows
 from tests.support.short_cases import NoMeter, short
 from tests.support.truth_cases import stand_in
 
@@ -134,9 +134,9 @@ def true_blocks(count: int) -> list[Block]:
         blocks.append(
             replace(
                 plain,
-                wheel_nms=INERTIAS * speed,
-                wheel_nm=slope,
-                cov_wheel=np.stack([root] * len(INERTIAS)),
+                carried_nms=INERTIAS * speed,
+                carried_nm=slope,
+                cov_carried=np.stack([root] * len(INERTIAS)),
             )
         )
     return blocks
@@ -175,7 +175,9 @@ def test_another_engine_s_motion_leaves_no_residual() -> None:
         np.testing.assert_allclose(p.f_m_s2, block.f_NS_B_m_s2, atol=3e-6)
         np.testing.assert_allclose(p.w_rad_s, block.w_NB_B_rad_s, atol=3e-7)
         assert np.abs(mrnea_rows(block, x, problem, "ols").b).max() < 0.02
-        still = replace(block, wheel_nms=0.0 * block.wheel_nms, wheel_nm=0.0 * block.wheel_nm)
+        still = replace(
+            block, carried_nms=0.0 * block.carried_nms, carried_nm=0.0 * block.carried_nm
+        )
         assert np.abs(predict(still, x, problem).w_rad_s - block.w_NB_B_rad_s).max() > 1e-4
 
 

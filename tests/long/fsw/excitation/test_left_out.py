@@ -62,8 +62,8 @@ def with_the_wheels_of(setup: bench.Setup, without: Config) -> float:
     turning = [
         replace(
             block,
-            wheel_nms=sampled(block, truth.wheel_rad_s),
-            wheel_nm=sampled(block, truth.wheel_rad_s2),
+            carried_nms=sampled(block, truth.wheel_rad_s),
+            carried_nm=sampled(block, truth.wheel_rad_s2),
         )
         for block in left_out.blocks_along(setup.config, problem, motion)
     ]

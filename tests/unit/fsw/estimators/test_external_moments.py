@@ -13,7 +13,6 @@ from fsw.config.constants import EARTH_GRAVITY_PARAMETER_M3_S2
 from fsw.estimators.batch.solver import solve
 from fsw.estimators.measurement.fused import predict
 from fsw.estimators.measurement.impulse import Impulse
-from fsw.estimators.measurement.mrnea import mrnea_rows
 from fsw.estimators.measurement.row_functions import row_function
 from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.orbit import CircularOrbit
@@ -39,6 +38,7 @@ from tests.support.estimator_cases import (
     robot_model,
     true_block,
 )
+from tests.support.one_block import mrnea_rows
 
 RADIUS_M = 6_878_137.0
 RATE = (EARTH_GRAVITY_PARAMETER_M3_S2 / RADIUS_M**3) ** 0.5

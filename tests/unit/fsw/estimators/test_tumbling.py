@@ -11,7 +11,6 @@ from scipy.stats import chi2
 from fsw.config import Config
 from fsw.estimators.batch.run import run_batch
 from fsw.estimators.measurement import energy
-from fsw.estimators.measurement.energy import energy_rows
 from fsw.estimators.measurement.first_rate import at_first_rate
 from fsw.estimators.measurement.fused import predict
 from fsw.estimators.model.building import build_problem
@@ -34,6 +33,7 @@ from tests.support.estimator_cases import (
     true_block,
     wrong,
 )
+from tests.support.one_block import energy_rows
 from tests.support.slopes import assert_state_slopes
 from tests.support.truth_cases import stand_in
 

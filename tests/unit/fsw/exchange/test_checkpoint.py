@@ -52,7 +52,7 @@ def made(sequence: int = 7, identity: Identity = OURS) -> bytes:
 
 def test_wheels_are_kept_where_there_are_some_and_nothing_of_them_where_there_are_none() -> None:
     plain = make_block(3)
-    turning = replace(plain, wheel_nms=np.ones((4, 2)), cov_wheel=np.ones((2, 8, 8)))
+    turning = replace(plain, carried_nms=np.ones((4, 2)), cov_carried=np.ones((2, 8, 8)))
     checkpoint = Checkpoint(
         identity=OURS,
         sequence=1,
@@ -61,9 +61,9 @@ def test_wheels_are_kept_where_there_are_some_and_nothing_of_them_where_there_ar
     )
     data = encode(checkpoint)
     first, second = decode(data, OURS).snapshot.blocks
-    assert not first.wheel_nms.size
-    assert np.array_equal(second.cov_wheel, turning.cov_wheel)
-    assert b"wheel_nms" not in made()
+    assert not first.carried_nms.size
+    assert np.array_equal(second.cov_carried, turning.cov_carried)
+    assert b"carried_nms" not in made()
 
 
 def test_what_is_written_comes_back() -> None:

@@ -111,12 +111,12 @@ def test_strong_wheels_hold_the_base_still_and_weak_ones_pull_with_their_limit()
         problem = build_problem(config, robot_model())
         motion = nominal_motion(config, problem.model)
         free = left_out.blocks_along(config, problem, motion)
-        held = left_out.held(free, problem, np.full(3, limit_nm))
+        held = left_out.held(free, problem)
         rates = [
             np.abs([own[:, -3:] for own in left_out.channels(blocks, problem)]).max()
             for blocks in (free, held)
         ]
-        most_nm = max(np.abs(block.wheel_nm).max() for block in held)
+        most_nm = max(np.abs(block.carried_nm).max() for block in held)
         if limit_nm > 1.0:
             assert rates[1] < 0.02 * rates[0]
         else:

@@ -27,9 +27,9 @@ def test_a_store_of_a_robot_without_wheels_holds_nothing_of_them_and_one_with_do
     m = len(plain.t_ns)
     turning = replace(
         plain,
-        wheel_nms=np.full((m, 4), 2.0),
-        wheel_nm=np.full((m, 4), 0.1),
-        cov_wheel=np.stack([np.eye(2 * m)] * 4),
+        carried_nms=np.full((m, 4), 2.0),
+        carried_nm=np.full((m, 4), 0.1),
+        cov_carried=np.stack([np.eye(2 * m)] * 4),
     )
     for name, block in (("plain", plain), ("turning", turning)):
         BlockWriter(tmp_path / name).append(block)

@@ -26,7 +26,7 @@ def test_a_gaussian_is_left_as_it_is():
     found = widen(np.zeros(2), 0.0, covariance, PRIOR, NAMES, 2, profile)
     assert found.covariance == pytest.approx(covariance)
     assert found.bounded
-    assert not found.nonlinear
+    assert not found.note
 
 
 def test_a_bent_valley_is_covered_by_the_widened_sigma():

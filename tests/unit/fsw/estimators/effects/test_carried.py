@@ -9,14 +9,13 @@ import pytest
 
 from fsw.estimators.measurement import energy
 from fsw.estimators.measurement.block_stack import BlockStack
-from fsw.estimators.measurement.energy import energy_rows
 from fsw.estimators.measurement.fused import predict
 from fsw.estimators.measurement.motion_noise import residual_covariance
-from fsw.estimators.measurement.mrnea import mrnea_rows
 from fsw.estimators.measurement.row_functions import row_function
 from fsw.estimators.model.problem import Problem
 from fsw.messages import Block
 from tests.support.estimator_cases import N, make_problem, random_block, robot_model
+from tests.support.one_block import energy_rows, mrnea_rows
 from tests.support.slopes import FIELDS, assert_state_slopes, predicted_fields
 from tests.support.wheel_cases import (
     INERTIA_KG_M2,
@@ -67,7 +66,7 @@ def test_the_prediction_is_that_of_a_robot_with_explicit_rotors(seed: int) -> No
     for i in range(len(block.t_ns)):
         q = pin.neutral(model)
         q[7 : 7 + N], q[7 + N :] = block.q_rad[i], [0.4, 1.0, 2.0, 3.0]
-        speed, slope = block.wheel_nms[i] / INERTIA_KG_M2, block.wheel_nm[i] / INERTIA_KG_M2
+        speed, slope = block.carried_nms[i] / INERTIA_KG_M2, block.carried_nm[i] / INERTIA_KG_M2
         H = pin.crba(model, data, q)
         H = np.triu(H) + np.triu(H, 1).T
         rates = np.concatenate([block.qd_rad_s[i], speed])
@@ -105,7 +104,7 @@ def test_the_gain_of_a_wheel_s_motion_is_the_derivative(rate: Any) -> None:
     problem, x, block = case(doubt=True)
     found = predict(block, x, problem, rate)
     assert found.D_carried is not None
-    for order, name in enumerate(("wheel_nms", "wheel_nm")):
+    for order, name in enumerate(("carried_nms", "carried_nm")):
         for k in range(len(PYRAMID)):
             step = 1e-4 * np.eye(len(PYRAMID))[k]
             up, down = (
@@ -123,18 +122,20 @@ def test_noise_of_the_wheels_is_in_the_residuals_covariance() -> None:
     """Sampled: the covariance of predictions over draws of the wheels' errors."""
     problem, x, block = case()
     use = np.ones(N + 6, np.bool_)
-    quiet = replace(block, cov_wheel=0.0 * block.cov_wheel)
+    quiet = replace(block, cov_carried=0.0 * block.cov_carried)
     S = [
         residual_covariance(s, predict(s, x, problem), use, "momentum")[0]
         for s in (BlockStack((block,)), BlockStack((quiet,)))
     ]
     rng, m = np.random.default_rng(3), len(block.t_ns)
-    roots = np.linalg.cholesky(block.cov_wheel)
+    roots = np.linalg.cholesky(block.cov_carried)
     draws = []
     for _ in range(4000):
         errors = np.einsum("kij,kj->ik", roots, rng.normal(size=roots.shape[:2]))
         moved = replace(
-            block, wheel_nms=block.wheel_nms + errors[:m], wheel_nm=block.wheel_nm + errors[m:]
+            block,
+            carried_nms=block.carried_nms + errors[:m],
+            carried_nm=block.carried_nm + errors[m:],
         )
         p = predict(moved, x, problem)
         draws.append(np.concatenate([p.tau_nm, p.f_m_s2, p.w_rad_s], axis=1).ravel())
@@ -149,7 +150,7 @@ def test_mrnea_fits_what_the_model_with_wheels_predicts(weighting: str) -> None:
     problem, x, block = case()
     made = consistent(block, x, problem)
     rows = mrnea_rows(made, x, problem, weighting)
-    still = replace(made, wheel_nms=0.0 * made.wheel_nms, wheel_nm=0.0 * made.wheel_nm)
+    still = replace(made, carried_nms=0.0 * made.carried_nms, carried_nm=0.0 * made.carried_nm)
     assert np.abs(rows.b).max() < 1e-6
     assert np.abs(mrnea_rows(still, x, problem, weighting).b).max() > 0.1
 
@@ -204,7 +205,7 @@ def test_energy_jacobian_is_the_derivative(monkeypatch: pytest.MonkeyPatch) -> N
 def test_wheels_that_stand_still_change_no_row(method: str) -> None:
     still = turning(random_block())
     still = replace(
-        still, **{k: 0.0 * getattr(still, k) for k in ("wheel_nms", "wheel_nm", "cov_wheel")}
+        still, **{k: 0.0 * getattr(still, k) for k in ("carried_nms", "carried_nm", "cov_carried")}
     )
     with_wheels, without = problem_with_wheels(), make_problem(("base", "target"))
     x = without.prior_mean
@@ -247,8 +248,8 @@ def test_a_delayed_wheel_is_read_later() -> None:
     rates = np.array([0.3, -0.2, 0.1, 0.4])
     block = replace(
         block,
-        wheel_nms=1.0 + np.outer(t_s, rates) + np.outer(0.5 * t_s**2, 10.0 * rates),
-        wheel_nm=rates + np.outer(t_s, 10.0 * rates),
+        carried_nms=1.0 + np.outer(t_s, rates) + np.outer(0.5 * t_s**2, 10.0 * rates),
+        carried_nm=rates + np.outer(t_s, 10.0 * rates),
     )
     x, late_s = problem.prior_mean.copy(), 1e-4
     x[problem.at("wheel_delay")] = late_s
@@ -256,5 +257,5 @@ def test_a_delayed_wheel_is_read_later() -> None:
     assert found is not None
     later = rates + np.outer(t_s + late_s, 10.0 * rates)
     np.testing.assert_allclose(found.hd_nm, later @ PYRAMID, rtol=0, atol=1e-9)
-    moved = block.wheel_nms + late_s * block.wheel_nm
+    moved = block.carried_nms + late_s * block.carried_nm
     np.testing.assert_allclose(found.h_nms, moved @ PYRAMID, rtol=0, atol=1e-12)

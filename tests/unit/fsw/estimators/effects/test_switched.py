@@ -12,12 +12,12 @@ from scipy.integrate import quad
 from fsw.errors import EstimatorError
 from fsw.estimators.measurement.fused import predict
 from fsw.estimators.measurement.impulse import momentum_at_nodes
-from fsw.estimators.measurement.mrnea import mrnea_rows
 from fsw.estimators.measurement.row_functions import row_function
 from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.problem import Problem
 from fsw.messages import Block
 from tests.support.estimator_cases import NODES, WINDOW_S, random_block, robot_model
+from tests.support.one_block import mrnea_rows
 from tests.support.slopes import assert_state_slopes, predicted_fields
 from tests.support.thruster_cases import CORNERS, config_with_thrusters, edges_of, firing
 

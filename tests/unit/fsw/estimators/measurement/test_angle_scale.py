@@ -8,11 +8,11 @@ import pytest
 
 from fsw.config import Config
 from fsw.estimators.measurement.fused import predict
-from fsw.estimators.measurement.mrnea import mrnea_rows
 from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.problem import Problem
 from fsw.messages import Block
 from tests.support.estimator_cases import make_config, random_block, robot_model
+from tests.support.one_block import mrnea_rows
 
 
 def scaled_config(*, doubt: bool) -> Config:

@@ -8,7 +8,6 @@ import pytest
 
 from fsw.estimators.batch.run import run_batch
 from fsw.estimators.measurement.fused import predict
-from fsw.estimators.measurement.mrnea import mrnea_rows
 from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.calibration import spread_root
 from fsw.estimators.model.inertia import frame_change, is_consistent
@@ -23,6 +22,7 @@ from tests.support.estimator_cases import (
     random_block,
     robot_model,
 )
+from tests.support.one_block import mrnea_rows
 
 KINDS = ("known", "joint_zero", "imu_place", "imu_angle", "torque_scale", "gyro_bias", "gyro_scale")
 KINDS = (*KINDS, "gyro_axes")

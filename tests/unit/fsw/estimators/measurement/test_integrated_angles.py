@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from fsw.estimators.measurement.fused import fused_rows, predict
-from fsw.estimators.measurement.mrnea import mrnea_rows
 from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.model.walks import STEPS
 from fsw.messages import Block
 from tests.support.estimator_cases import NODES, N, random_block, robot_model
+from tests.support.one_block import mrnea_rows
 from tests.support.speed_cases import TURNING, speed_config
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fsw.estimators.measurement.fused import predict
-from fsw.estimators.measurement.mrnea import base_acceleration, mrnea_rows
+from fsw.estimators.measurement.mrnea import base_acceleration
 from fsw.estimators.model.problem import Problem
 from fsw.messages import Block
 from hil.world.truth import Body
@@ -25,6 +25,7 @@ from tests.support.estimator_cases import (
     true_blocks_cached,
     wrong,
 )
+from tests.support.one_block import mrnea_rows
 
 WEIGHTINGS = ("ols", "wls", "eiv")
 

@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import chi2
 
 from fsw.config import Config
-from fsw.estimators.measurement.mrnea import Rows, mrnea_rows
+from fsw.estimators.measurement.mrnea import Rows
 from fsw.estimators.measurement.row_functions import RowsFunction, row_function, usable_rows
 from fsw.estimators.model.building import build_problem
 from fsw.estimators.recursive import estimation
@@ -27,6 +27,7 @@ from tests.support.estimator_cases import (
     true_block,
 )
 from tests.support.estimator_cases import motion as true_motion
+from tests.support.one_block import mrnea_rows
 from tests.support.starts import config_of, truth_of
 
 POINT_UNITS = 41  # most units of one piece of work: finding a consistent point to begin a pass at

@@ -9,7 +9,7 @@ from scipy.stats import chi2
 
 from fsw.estimators.measurement.fused import fused_rows
 from fsw.estimators.measurement.impulse import Impulse
-from fsw.estimators.measurement.mrnea import Rows, mrnea_rows
+from fsw.estimators.measurement.mrnea import Rows
 from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.inertia import (
     from_parameters,
@@ -28,6 +28,7 @@ from tests.support.estimator_cases import (
     robot_model,
     true_blocks_cached,
 )
+from tests.support.one_block import mrnea_rows
 from tests.support.starts import CASES, config_of, truth_of
 
 BATCH_BOUNDS = {"base": 0.05, "target": 0.05, "both": 0.2}  # whitened rms
