@@ -48,17 +48,7 @@ def joint_groups(
 
     `spare`: a group may have more numbers than there are joints, and begins with the lowest one.
     """
-    by_name: dict[str, dict[str, str]] = {}
-    by_number: dict[str, dict[int, str]] = {}
-    for column in columns:
-        named = [joint for joint in joints if _holds(column, joint)]
-        if named:
-            joint = max(named, key=len)
-            stem = re.sub(re.escape(joint), "{}", column, flags=re.IGNORECASE)
-            by_name.setdefault(stem, {})[joint] = column
-        for number in dict.fromkeys(NUMBER.findall(column)):
-            stem = re.sub(rf"(?<!\d){number}(?!\d)", "{}", column)
-            by_number.setdefault(stem, {})[int(number)] = column
+    by_name, by_number = _by_stem(columns, joints)
     groups = [
         Group(stem=stem, columns=tuple(held[joint] for joint in joints))
         for stem, held in by_name.items()
@@ -72,6 +62,39 @@ def joint_groups(
         if not taken & set(held.values())
     ]
     return groups
+
+
+def gaps(columns: Sequence[str], joints: Sequence[str]) -> list[str]:
+    """Return words on each stem that more than half of the joints have, and not all."""
+    by_name, by_number = _by_stem(columns, joints)
+    named = [
+        f"{stem}: none of {', '.join(joint for joint in joints if joint not in held)}"
+        for stem, held in by_name.items()
+        if len(joints) < 2 * len(held) < 2 * len(joints)
+    ]
+    return named or [
+        f"{stem}: {len(held)} for {len(joints)} joints"
+        for stem, held in by_number.items()
+        if len(joints) < 2 * len(held) < 2 * len(joints)
+    ]
+
+
+def _by_stem(
+    columns: Sequence[str], joints: Sequence[str]
+) -> tuple[dict[str, dict[str, str]], dict[str, dict[int, str]]]:
+    """Return the columns of each stem by joint, and those by number."""
+    by_name: dict[str, dict[str, str]] = {}
+    by_number: dict[str, dict[int, str]] = {}
+    for column in columns:
+        named = [joint for joint in joints if _holds(column, joint)]
+        if named:
+            joint = max(named, key=len)
+            stem = re.sub(re.escape(joint), "{}", column, flags=re.IGNORECASE)
+            by_name.setdefault(stem, {})[joint] = column
+        for number in dict.fromkeys(NUMBER.findall(column)):
+            stem = re.sub(rf"(?<!\d){number}(?!\d)", "{}", column)
+            by_number.setdefault(stem, {})[int(number)] = column
+    return by_name, by_number
 
 
 def axis_groups(columns: Sequence[str], axes: str) -> list[Group]:

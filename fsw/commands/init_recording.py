@@ -21,6 +21,7 @@ from fsw.commands.init_columns import (
     Group,
     axis_groups,
     chosen,
+    gaps,
     joint_groups,
     positions_and_torques,
     times,
@@ -134,7 +135,9 @@ def _of_table(table: Table, model: RobotModel) -> Recorded:
     if position is None:
         raise ConfigError(
             f"--recording {table.path}: no {model.n} columns for the positions of "
-            f"{cut(', '.join(model.joint_names))}; it has: {cut(', '.join(names))}"
+            f"{cut(', '.join(model.joint_names))}; "
+            + "".join(f"{words}; " for words in gaps(names, model.joint_names))
+            + f"it has: {cut(', '.join(names))}"
         )
     column, unit, t_s = _time(table, position)
     q, q_unit = _angles(table, position, model)

@@ -189,9 +189,7 @@ def joint_lines(
             "position_noise_rad": position_noise,
         }
         if kind == "prismatic":  # the encoder's numbers count in m, not rad
-            own = {"kind": kind} | {
-                key if key == "torque" else linear(key): value for key, value in own.items()
-            }
+            own = {"kind": kind} | {linear(key): value for key, value in own.items()}
             if "CHECK" not in position_noise:
                 own["position_noise_m"] += "  # CHECK"
         wires = [f"bus: {bus_name(k // each)}", f"node_id: 0x{nodes[k]:02x}  # CHECK"]

@@ -9,7 +9,7 @@ import numpy as np
 
 from fsw.checks.robot import MOST_EFFORT_NM
 from fsw.checks.wiring import LEAST_FRAMES, frame_rate_hz, frames_of
-from fsw.commands.init_columns import joint_groups
+from fsw.commands.init_columns import gaps, joint_groups
 from fsw.commands.init_nodes import nodes_of
 from fsw.commands.init_noise import Limits, rate_of, sizes_of
 from fsw.commands.init_recording import RATE_HZ, Recorded, Wires, recorded
@@ -73,7 +73,7 @@ def _of_bus(arguments: argparse.Namespace, model: RobotModel, frames: FrameArray
     columns = [own.columns for own in joint_groups(list(found), model.joint_names, spare=True)]
     columns += [(column,) for column in found] if model.n == 1 else []
     uses = [Use([found[c][0] for c in own], [found[c][1] for c in own]) for own in columns]
-    proposal = _Proposal.of(uses, model, frames, f"--bus: {file}")
+    proposal = _Proposal.of(uses, model, frames, f"--bus: {file}", list(found))
     bus = [*PORT, "sync: none  # CHECK", "listen_only: true  # CHECK: another master runs the bus"]
     bus.append(f"description: {_place(Path(file), arguments)}")
     return proposal.recorded(name, bus, [[]] * model.n, ARRIVAL, proposal.rate_hz() or RATE_HZ)
@@ -134,16 +134,26 @@ class _Proposal:
 
     @classmethod
     def of(
-        cls, uses: Sequence[Use], model: RobotModel, frames: FrameArray, source: str
+        cls,
+        uses: Sequence[Use],
+        model: RobotModel,
+        frames: FrameArray,
+        source: str,
+        names: Sequence[str] = (),
     ) -> "_Proposal":
-        """Choose the signals; raise ConfigError if none looks like the joints' positions."""
+        """Choose the signals; raise ConfigError if none looks like the joints' positions.
+
+        `names`: all signals, MESSAGE.SIGNAL; empty: each of `uses` stands for all.
+        """
         position = chosen_use(uses, "position", frames)
         if position is None:
-            held = ", ".join(dict.fromkeys(own.signals[0].name for own in uses)) or "none"
+            held = ", ".join(dict.fromkeys(own.signals[0].name for own in uses))
+            few = "".join(f"{words}; " for words in gaps(names, model.joint_names))
             raise ConfigError(
                 f"{source}: no signals that look like the positions of "
-                f"{cut(', '.join(model.joint_names))}{' in the log' * bool(len(frames))}; one for "
-                f"each joint are: {cut(held)}"
+                f"{cut(', '.join(model.joint_names))}{' in the log' * bool(len(frames))}; "
+                + (f"one for each joint are: {cut(held)}; " * bool(held) + few)
+                + f"it has: {cut(', '.join(names) or held or 'none')}"
             )
         torque = chosen_use(uses, "torque", frames) or chosen_use(uses, "current", frames)
         words = {own.messages[0].word for own in (position, torque) if own is not None}

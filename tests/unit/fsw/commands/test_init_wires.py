@@ -176,6 +176,17 @@ def test_joints_of_a_dbc_are_found_by_their_names(folder):
     assert found[::2] == ["AXIS1_Status", "AXIS2_Status", "AXIS3_Status"]
 
 
+def test_a_rail_without_a_torque_has_no_force(folder, capsys):
+    drives = "".join(map(one_message, (1, 2, 3))).replace("Torque :", "Load :")
+    (folder / "robot.dbc").write_text(
+        HEAD + drives.replace('(0.01,0) [0|0] "Nm"', '(1,0) [0|0] "V"')
+    )
+    urdf = folder / "arm.urdf"
+    urdf.write_text(urdf.read_text().replace('"revolute"', '"prismatic"', 1))
+    assert made(folder, "--bus", f"arm={folder / 'robot.dbc'}") == 0, capsys.readouterr().err
+    assert {joint.torque for joint in load(folder / "robot.yaml").joints} == {"none"}
+
+
 def test_a_current_is_a_torque_of_the_motor(folder):
     text = "".join(one_message(n).replace('"Nm"', '"A"') for n in (1, 2, 3))
     (folder / "robot.dbc").write_text(HEAD + text.replace(" Torque ", " Iq_Measured "))
@@ -311,6 +322,9 @@ def test_a_feed_needs_no_description(folder, capsys):
         (["--bus", "a b={}/robot.dbc"], "buses.0.name"),
         (["--bus", "arm={}/nothing.dbc"], "--bus: {}/nothing.dbc: is no file"),
         (["--bus", "arm={}/few.dbc"], "positions of axis1, axis2, axis3"),
+        (["--bus", "arm={}/few.dbc"], "Status.Angle: 2 for 3 joints"),
+        (["--bus", "arm={}/few.dbc"], "it has: Drive1_Command.Position_Target, "),
+        (["--bus", "arm={}/named.dbc"], "Status.Angle: none of axis2"),
         (["--eds", "{}/robot.dbc"], "--eds: {}/robot.dbc: ends in '.dbc'"),
         (["--eds", "{}/bus.yml"], "--eds: {}/bus.yml: nodes: missing"),
     ],
@@ -318,6 +332,8 @@ def test_a_feed_needs_no_description(folder, capsys):
 def test_what_cannot_be_proposed_is_one_line(folder, capsys, words, said):
     (folder / "robot.dbc").write_text(HEAD + "".join(map(one_message, (1, 2, 3))))
     (folder / "few.dbc").write_text(HEAD + "".join(map(one_message, (1, 2))))
+    named = "".join(map(one_message, (1, 3))).replace("Drive1", "Axis1").replace("Drive3", "Axis3")
+    (folder / "named.dbc").write_text(HEAD + named)
     (folder / "bus.yml").write_text("master: {node_id: 1}\n")
     assert made(folder, *(word.format(folder) for word in words)) == 2
     (line,) = capsys.readouterr().err.splitlines()
