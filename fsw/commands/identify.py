@@ -239,7 +239,11 @@ def to_text(result: Mapping[str, Any]) -> str:
     if {"NOT_CONVERGED", "MODEL_MISMATCH", "PRIOR_CONFLICT"}.intersection(result["reasons"]):
         lines.append("to find why: fsw check CONFIG RECORDING names the usual mistakes")
     if "INSUFFICIENT_EXCITATION" in result["reasons"] and "TOO_FEW_BLOCKS" not in result["reasons"]:
-        lines.append("the motion does not show every parameter: fsw excite plans one that does")
+        lines.append(
+            "the data hardly narrow the prior of some combination of parameters: know the arm "
+            "better (--reference EMPTY, robot.links_sigma_ratio) or move more (of a free base: "
+            "fsw excite)"
+        )
     if result.get("note"):
         lines.append(f"note: {result['note']}")
     lines += [

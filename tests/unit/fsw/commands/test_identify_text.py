@@ -1,6 +1,6 @@
 """The lines of `fsw identify` about the noise of sensors."""
 
-from fsw.commands.identify import noise_text
+from fsw.commands.identify import noise_text, to_text
 
 
 def test_a_sensor_with_correlated_noise_has_a_line_and_a_white_one_none():
@@ -20,3 +20,12 @@ def test_the_noise_of_a_prismatic_joint_is_that_of_a_force():
     assert noise_text({"torque_noise": [noise | {"sigma_n": 1.5}]}) == [
         "force noise of rail: 1.5 N, correlated over 20 ms; 100 samples count as 10"
     ]
+
+
+def test_little_excitation_names_cures_that_an_arm_on_a_bench_has_too():
+    """`fsw excite` plans for a free base alone."""
+    result = {"method": "fused", "unknown": ["target"], "reasons": ["INSUFFICIENT_EXCITATION"]}
+    result |= {"estimate": {}, "diagnosis": None, "iterations": 1, "wall_s": 1.0}
+    cure = to_text(result).splitlines()[1]
+    assert "does not show every parameter" not in cure, "each may be measured alone"
+    assert all(word in cure for word in ("--reference", "links_sigma_ratio", "fsw excite"))
