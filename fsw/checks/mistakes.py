@@ -127,6 +127,13 @@ def _units(config: Config) -> Iterator[Mistake]:
                 "where they are imported",
                 change=partial(Trial.turned, channels=[GYRO], M=factor * np.eye(3)),
             )
+    for factor, found, declared in ((1e-3, "mm", "m"), (1e3, "m", "mm")):
+        if not turning.all():
+            yield Mistake(
+                text=f"joints: the positions of prismatic joints are in {found}, not in "
+                f"{declared}; correct their unit where they are imported",
+                change=partial(Trial.reread, position=np.where(turning, 1.0, factor)),
+            )
     for factor, found in ((1e-3, "1000 times too large"), (1e3, "1000 times too small")):
         if config.joints:
             yield Mistake(

@@ -11,6 +11,17 @@ from fsw.checks.mistake import DECADES, Mistake
 from fsw.checks.trial import Trial
 from fsw.config import Config
 
+WAYS = {  # factors that undo another unit of a position, and words on it
+    "revolute": (
+        (radians(1.0), f"angle is {degrees(1.0):.3g} times too large (degrees as rad?)"),
+        (degrees(1.0), f"angle is {degrees(1.0):.3g} times too small (rad as degrees?)"),
+    ),
+    "prismatic": (
+        (1e-3, "position is 1e+03 times too large (mm as m?)"),
+        (1e3, "position is 1e+03 times too small (m as mm?)"),
+    ),
+}
+
 
 def described_units(config: Config) -> Iterator[Mistake]:
     """Yield other units of one described joint, and another scale of its torque or of all."""
@@ -18,14 +29,9 @@ def described_units(config: Config) -> Iterator[Mistake]:
     places = np.arange(len(config.joints))
     for k in own:
         joint, key = config.joints[k], f"joints.{k}.signals"
-        ways = (
-            (radians(1.0), "large (degrees as rad?)"),
-            (degrees(1.0), "small (rad as degrees?)"),
-        )
-        for factor, words in ways if joint.kind == "revolute" else ():
+        for factor, words in WAYS[joint.kind]:
             yield Mistake(
-                text=f"{key}.position ({joint.name}): its angle is {degrees(1.0):.3g} times too "
-                f"{words}; correct unit or scale",
+                text=f"{key}.position ({joint.name}): its {words}; correct unit or scale",
                 change=partial(Trial.reread, position=np.where(places == k, factor, 1.0)),
             )
     for which in [own, *([k] for k in own)] if len(own) > 1 else [own]:

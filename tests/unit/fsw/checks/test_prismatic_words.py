@@ -8,6 +8,7 @@ import pytest
 
 from fsw.checks.configuration import _noise_warnings
 from fsw.checks.mistakes import _friction, _units
+from fsw.checks.mistakes_of_wires import described_units
 from fsw.checks.recorded import range_findings, sample_findings
 from fsw.estimators.batch.reference import _remedy
 from fsw.estimators.measurement.mrnea import Rows
@@ -53,6 +54,17 @@ def test_friction_and_units_are_asked_for_by_the_keys_of_both_kinds(config):
     assert "friction_coulomb_sigma_n and" in friction.text
     assert "friction_coulomb_sigma_nm" in friction.text
     assert any("N, mN" in own.text for own in _units(config))
+
+
+def test_a_described_rail_may_be_in_another_unit_of_length(config):
+    own = [config.joints[k].model_copy(update={"driver": "described"}) for k in (0, JOINT)]
+    texts = [mistake.text for mistake in described_units(cast(Any, SimpleNamespace(joints=own)))]
+    turning = [text for text in texts if "joints.0.signals.position" in text]
+    sliding = [text for text in texts if "joints.1.signals.position" in text]
+    assert len(turning) == len(sliding) == 2
+    assert "its position is 1e+03 times too large (mm as m?)" in sliding[0]
+    assert "its position is 1e+03 times too small (m as mm?)" in sliding[1]
+    assert not any(word in text for text in sliding for word in ("deg", "angle"))
 
 
 def test_the_walk_of_a_rail_is_in_metres(config):

@@ -105,6 +105,19 @@ def test_wrapped_angles_give_what_the_angles_themselves_give(tmp_path, capsys):
     assert np.abs((np.array(wrapped["mean"]) - plain["mean"]) / sigma).max() < 1e-3
 
 
+def test_metres_of_a_rail_read_as_millimetres_are_named(tmp_path, capsys):
+    kinds = ("prismatic", "revolute")
+    strong(tmp_path, kinds)
+    told = mapping(kinds)
+    told["joints"]["position"]["unit"] = ["mm", "rad"]
+    arm = Import(tmp_path, capsys)
+    result = identified(arm, measured(tmp_path, 0.0), told, capsys)
+    assert result["status"] == "MODEL_MISMATCH"
+    assert main(["check", str(tmp_path / "robot.yaml"), str(arm.out)]) == 1
+    said = capsys.readouterr().out
+    assert "WRONG: joints: the positions of prismatic joints are in m, not in mm" in said
+
+
 @pytest.mark.parametrize("unit", ["rad", "deg"])
 def test_degrees_that_pass_every_limit_of_speed_are_named(unit, tmp_path, capsys):
     """An arm that creeps about 60 and 25 degrees; its URDF allows 9 rad."""
