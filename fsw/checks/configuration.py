@@ -126,6 +126,12 @@ def _warnings(config: Config) -> list[str]:
         for i, joint in enumerate(config.joints)
         if joint.kind == "revolute" and joint.speed_limit_rad_s > FAST_RAD_S
     ]
+    is_blind = all(joint.torque == "none" for joint in config.joints) and not config.wrench_sensors
+    if config.base.motion == "clamped" and is_blind:
+        found.append(
+            "joints[].torque: none has one; on a clamped base only torques, or wrench_sensors, "
+            "show a body"
+        )
     found += _mounting_warnings(config)
     found += mode_warnings(config)
     estimator = config.estimator

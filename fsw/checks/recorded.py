@@ -274,10 +274,11 @@ def tracker_findings(config: Config, windows: Sequence[Window]) -> list[str]:
     expected = np.diff([np.interp(stamps, t_ns, turns[:, axis]) for axis in range(3)]).T[follows]
     if not len(expected) or np.linalg.norm(expected, axis=1).max() < TURNED_RAD:
         return []
+    senses = {"inertial_to_tracker", "tracker_to_inertial"} - {tracker.rotation}
+    sense = f"star_tracker.rotation: the quaternion turns the other way; set it to {senses.pop()}"
     ways = {
         "": R_NB,
-        "star_tracker.rotation: the quaternion turns the other way": (R_NB * q_BT).inv()
-        * q_BT.inv(),
+        sense: (R_NB * q_BT).inv() * q_BT.inv(),
         "star_tracker.mounting.q_BS_xyzw: is that of B to S; its inverse takes S to B": R_NB
         * q_BT
         * q_BT,

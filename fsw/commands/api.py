@@ -314,7 +314,7 @@ def plan(
 
 def _pair(recording: Source, robot: Robot | None) -> tuple[Recording, Robot]:
     if robot is not None and not isinstance(robot, Robot):
-        raise ConfigError(f"robot: {robot!r} must be a Robot, such as Robot('robot.yaml')")
+        raise ConfigError(f"robot: {_named(robot)} must be a Robot, such as Robot('robot.yaml')")
     if not isinstance(recording, Samples):
         held = recording if isinstance(recording, Recording) else load(recording)
         return held, held.robot if robot is None else robot
@@ -324,6 +324,11 @@ def _pair(recording: Source, robot: Robot | None) -> tuple[Recording, Robot]:
     path = folder.path / "samples.mcap"
     notes = recording.write(robot.config, path)
     return Recording(path, folder, notes), robot
+
+
+def _named(value: object) -> str:
+    """Return a value for a message: a path as it is, anything else by its kind."""
+    return repr(value) if isinstance(value, str | Path) else f"a {type(value).__name__}"
 
 
 def _apart(out: Path | str | None, held: Recording) -> None:

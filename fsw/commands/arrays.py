@@ -24,6 +24,7 @@ from fsw.estimators.model.robot import RobotModel
 from fsw.messages import FloatArray
 
 LEAST = 8  # least number of rows
+LEAST_HZ = 2.0  # slower joints and inertial units fill no window: probably milliseconds
 TIMES = ("t_s", "t_imu_s", "t_attitude_s")
 WIDTHS = {"gyro_rad_s": 3, "specific_force_m_s2": 3, "q_NB_xyzw": 4}
 NAME = Path("samples")  # of the arrays in messages
@@ -99,6 +100,11 @@ class Samples:
         q, tau = np.asarray(self.q), self.array("tau")
         gyro, force, turn = map(self.array, WIDTHS)
         t_imu_s, t_turn_s = self._times("t_imu_s"), self._times("t_attitude_s")
+        for name in ("t_s", "t_imu_s"):
+            rate_hz = rate_of(self._times(name))
+            if self.array(name) is not None and rate_hz < LEAST_HZ:
+                words = f"{rate_hz:.3g} Hz; must be seconds, at {LEAST_HZ:g} Hz or more"
+                raise ConfigError(f"samples: {name}: {words}")
         return Recorded(
             rate_hz=rate_of(self._times("t_s")),
             imu_rate_hz=0.0 if gyro is None else rate_of(t_imu_s),

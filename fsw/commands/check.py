@@ -56,14 +56,21 @@ def _judged(other: Path, config: Config, problem: Problem) -> tuple[list[str], b
     """Return one line for each finding in a recording or a CAN log, and whether the data agree."""
     from fsw.commands.check_log import as_recording, frame_findings, is_log, lacking
     from fsw.commands.check_recording import check_recording
+    from fsw.commands.importing.tables import TABLES
 
     with Progress("check") as progress:
         if not is_log(other):
             return check_recording(other, config, problem, progress)
-        if lacking(config):
-            return frame_findings(other, config)
-        with as_recording(other, config) as recording:
-            return check_recording(recording, config, problem, progress)
+        try:
+            if lacking(config):
+                return frame_findings(other, config)
+            with as_recording(other, config) as recording:
+                return check_recording(recording, config, problem, progress)
+        except ConfigError as error:
+            if other.suffix.lower() not in TABLES:
+                raise
+            cure = "if it is a table, fsw import makes a recording of it"
+            raise ConfigError(f"{error}; {cure}") from error
 
 
 @contextmanager

@@ -17,7 +17,7 @@ from fsw.checks.configuration import validate
 from fsw.config import Config
 from fsw.config import load as load_config
 from fsw.config.overlay_file import with_overlays
-from fsw.errors import ConfigError
+from fsw.errors import ConfigError, brief
 
 if TYPE_CHECKING:
     from fsw.commands.arrays import Samples
@@ -90,6 +90,10 @@ class Robot:
         from fsw.commands.robot_of_urdf import config_of_urdf  # reads recordings
 
         one_of("base", base, ("free", "planar", "clamped"))
+        sections = prior.values() if isinstance(prior, Mapping) else [prior]
+        if prior is not None and not all(isinstance(own, Mapping) for own in sections):
+            words = "must be a dict of bodies, {'target': {'mass_kg': ...}}"
+            raise ConfigError(f"prior: {brief(prior)} {words}")
         names = bodies_named(unknown) if isinstance(unknown, str) else tuple(unknown)
         flags = {"base": base} | ({} if torque is None else {"torque": torque})
         fit = partial(

@@ -92,6 +92,12 @@ def other(command: str, name: str, content: bytes, *more: str) -> Typed:
     return typed
 
 
+def table_for_log(arm: ArmProject) -> list[str]:
+    path = arm.folder / "arm.csv"
+    path.write_text(f"{HEADER}\n0,1,2,3,4,5,6\n")
+    return ["check", str(arm.write()), str(path)]
+
+
 def words(*typed: str) -> Typed:
     """Return a command in which the configuration, the URDF and the folder have their names."""
 
@@ -171,6 +177,7 @@ FILES: dict[str, Typed] = {
     "table in the place of the recording": other(
         "identify", "arm.csv", HEADER.encode(), "--config", "{config}"
     ),
+    "table in the place of the log": table_for_log,
     "bag in the place of the recording": words("identify", "{folder}", "--config", "{config}"),
     "recording that is not there": words("identify", "none.mcap", "--config", "{config}"),
     "result into a folder that is not there": words(

@@ -20,6 +20,21 @@ def test_a_correct_configuration_has_no_warning(arm):
     assert warnings == []
 
 
+def test_a_clamped_arm_without_torques_is_said_to_show_no_body(arm):
+    for name in ("imu", "star_tracker"):
+        arm.data.pop(name, None)
+    arm.data["base"] = {"motion": "clamped", "gravity_B_m_s2": [0.0, 0.0, -9.81]}
+    kept = ("name", "bus", "node_id", "speed_limit_rad_s", "position_noise_rad")
+    blind = [{key: own[key] for key in kept if key in own} for own in arm.data["joints"]]
+    seeing = arm.data["joints"]
+    arm.data["joints"] = [own | {"torque": "none"} for own in blind]
+    _, warnings = validate(load(arm.write()))
+    assert any("joints[].torque: none has one; on a clamped base" in own for own in warnings)
+    arm.data["joints"] = [seeing[0], *arm.data["joints"][1:]]
+    _, warnings = validate(load(arm.write()))
+    assert not any("joints[].torque" in own for own in warnings)
+
+
 # windows and lag
 
 

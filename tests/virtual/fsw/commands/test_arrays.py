@@ -168,6 +168,8 @@ def test_sensors_without_arrays_are_not_there(tmp_path):
         ({"gyro_rad_s": None, "specific_force_m_s2": None}, "gyro_rad_s: missing; only"),
         ({"q": np.full((800, 3), np.nan)}, "samples"),
         ({"t_s": np.zeros(800)}, "samples: t_s: 0 of 799 steps go forward"),
+        ({"t_s": np.arange(800.0) * 10.0}, "samples: t_s: 0.1 Hz; must be seconds"),
+        ({"t_imu_s": np.arange(800.0) * 5.0}, "samples: t_imu_s: 0.2 Hz; must be seconds"),
     ],
 )
 def test_arrays_that_cannot_be_are_one_line(tmp_path, changes, words):
@@ -184,6 +186,8 @@ def test_arrays_that_cannot_be_are_one_line(tmp_path, changes, words):
         ({"base": "held"}, "base: 'held' must be one of free"),
         ({"prior": {}}, "prior: 'target' missing; it needs at least mass_kg"),
         ({"prior": {"target": {"mass_kg": "heavy"}}}, "mass"),
+        ({"prior": 2.0}, "prior: 2.0 must be a dict of bodies, {'target': {'mass_kg': ...}}"),
+        ({"prior": {"target": 2.0}}, "prior: {'target': 2.0} must be a dict of bodies, {'target'"),
         ({"settings": {"imu": {"colour": 3}}}, "imu.colour: unknown key"),
         ({"unknown": ()}, "unknown"),
     ],
@@ -191,6 +195,13 @@ def test_arrays_that_cannot_be_are_one_line(tmp_path, changes, words):
 def test_a_robot_that_cannot_be_is_one_line(tmp_path, choices, words):
     with pytest.raises(ConfigError, match=re.escape(words)):
         arm(tmp_path, **choices)
+
+
+def test_exchanged_arguments_are_one_short_line(tmp_path):
+    with pytest.raises(ConfigError, match="must be a Robot") as raised:
+        fsw.identify(arm(tmp_path), arrays())
+    assert len(str(raised.value)) < 200
+    assert "\n" not in str(raised.value)
 
 
 def test_arrays_need_a_robot():
