@@ -131,8 +131,8 @@ def event_of(sample: Sample) -> dict[str, str] | None:
     }
 
 
-def health_bits(points: Points) -> dict[int, str]:
-    """Return the names of the health word's bits by number, read from its description."""
+def health_bits(points: Points) -> dict[int, tuple[str, str]]:
+    """Return severity and name of the health word's bits by number, read from its description."""
     words = points.by_key["health.health"].doc.partition("bits: ")[2]
-    pairs = (item.partition(" ") for item in words.split(", ") if item)
-    return {int(bit): name for bit, _, name in pairs}
+    parts = (item.split(" ", 2) for item in words.split(", ") if item)
+    return {int(bit): (severity, name) for bit, severity, name in parts}

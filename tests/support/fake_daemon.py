@@ -15,6 +15,7 @@ from fsw.telemetry.dictionary import DICTIONARY, Type
 from tests.support.packing import pack
 
 Reply = Callable[[bytes], Sequence[bytes]]
+NO_FAULTS: Mapping[str, int] = {}
 
 
 def packet(name: str, *, met_s: float = 1.5, **values: Any) -> bytes:
@@ -131,8 +132,11 @@ class FakeDaemon:
                 return
 
 
-def run_of_estimates(seed: int = 1) -> Callable[[], bytes]:
-    """Return a maker of telemetry in which the target's mass goes from 300 to 400 kg."""
+def run_of_estimates(seed: int = 1, faults: Mapping[str, int] = NO_FAULTS) -> Callable[[], bytes]:
+    """Return a maker of telemetry in which the target's mass goes from 300 to 400 kg.
+
+    `faults`: words of the health packet, which may change while the telemetry is made.
+    """
     rng = np.random.default_rng(seed)
     begun_s = time.monotonic()
 
@@ -171,6 +175,7 @@ def run_of_estimates(seed: int = 1) -> Callable[[], bytes]:
             work_mean_us=300.0,
             work_max_us=900.0,
             max_late_us=170.0,
+            **faults,
         )
         found = packet("estimate", met_s=met_s, **estimate, **residuals) + health
         if rng.random() < 0.1:

@@ -207,26 +207,39 @@ ENTRY_STATUS = Enumeration(name="enabled", labels={0: "DISABLED", 1: "ENABLED"})
 
 
 class Health(IntEnum):
-    """Bits of the latched health word; 0 is healthy."""
+    """Bits of the latched health word; 0 is healthy.
 
-    SLIPS = 0
-    PORT_LOST = 1
-    SENSOR_REJECTED = 2
-    ESTIMATOR_RESET = 3
-    MODEL_MISMATCH = 4
-    RECORDER = 5
-    RING_DROPS = 6
-    BATCH_FAILED = 7
-    TABLE = 8
-    PARAMETER_STORE = 9
-    STATE = 10
-    LIMIT = 11
-    COMMAND_LOSS = 12
-    UNCLEAN_RESTART = 13
-    LOOP_SILENT = 14
-    LINK = 15
-    SERVICE = 16
-    SENSOR_FAULT = 17
-    BUS = 18
-    SECURITY = 19
-    ESTIMATION = 20
+    `severity` is a label of SEVERITY: with HIGH the estimate or its record suffers, with MEDIUM
+    somebody should act before it does, with LOW the software has already done what there is to do.
+    """
+
+    severity: str
+
+    def __new__(cls, bit: int, severity: str) -> "Health":
+        """Return the member of a bit, with its severity."""
+        member = int.__new__(cls, bit)
+        member._value_ = bit
+        member.severity = severity
+        return member
+
+    SLIPS = 0, "LOW"
+    PORT_LOST = 1, "HIGH"
+    SENSOR_REJECTED = 2, "LOW"
+    ESTIMATOR_RESET = 3, "HIGH"
+    MODEL_MISMATCH = 4, "MEDIUM"
+    RECORDER = 5, "HIGH"
+    RING_DROPS = 6, "HIGH"
+    BATCH_FAILED = 7, "MEDIUM"
+    TABLE = 8, "MEDIUM"
+    PARAMETER_STORE = 9, "MEDIUM"
+    STATE = 10, "MEDIUM"
+    LIMIT = 11, "MEDIUM"
+    COMMAND_LOSS = 12, "MEDIUM"
+    UNCLEAN_RESTART = 13, "LOW"
+    LOOP_SILENT = 14, "HIGH"
+    LINK = 15, "LOW"
+    SERVICE = 16, "HIGH"
+    SENSOR_FAULT = 17, "MEDIUM"
+    BUS = 18, "MEDIUM"
+    SECURITY = 19, "HIGH"
+    ESTIMATION = 20, "MEDIUM"

@@ -107,7 +107,7 @@ REASONS_DOC = "every reason why not valid; bits as the values of `reason`: " + "
     f"{bit} {label}" for bit, label in REASON.labels.items() if 0 < bit < 16
 )
 HEALTH_DOC = "latched health word, 0 healthy; bits: " + ", ".join(
-    f"{bit.value} {bit.name.lower().replace('_', ' ')}" for bit in Health
+    f"{bit.value} {bit.severity.lower()} {bit.name.lower().replace('_', ' ')}" for bit in Health
 )
 HEALTH_FIELDS = (
     choice("mode", MODE, SAFE=YELLOW),

@@ -38,8 +38,8 @@ def page(dictionary: Dictionary = DICTIONARY) -> str:
     ]
     lines += ["", "## Errors (service 1)", "", "| value | name |", "|---|---|"]
     lines += [f"| {value} | `{name}` |" for value, name in dictionary.errors.items()]
-    lines += ["", "## Health word", "", "| bit | name |", "|---|---|"]
-    lines += [f"| {int(bit)} | `{bit.name}` |" for bit in Health]
+    lines += ["", "## Health word", "", "| bit | name | severity |", "|---|---|---|"]
+    lines += [f"| {int(bit)} | `{bit.name}` | {bit.severity.lower()} |" for bit in Health]
     lines += ["", "## Telemetry packets", "", ATTENTION]
     for packet in dictionary.packets:
         lines += _packet(packet)

@@ -9,7 +9,6 @@ const POINTS = [
   ...Object.keys(BODIES).flatMap((body) => ['present', 'mass_kg', 'mass_kg_low', 'mass_kg_high', 'sigma_mass_kg',
     'com_x_m', 'com_y_m', 'com_z_m'].map((field) => `estimate.${body}_${field}`))
 ];
-const SEVERE = ['port lost', 'ring drops', 'loop silent', 'estimator reset', 'service', 'security'];
 const KEPT_MS = 600000, BURST_MS = 60000, SHOWN_EVENTS = 60;
 
 const rows = new Map(POINTS.map((key) => [key, []]));
@@ -17,7 +16,9 @@ const now = (key) => rows.get(key).at(-1)?.[1];
 let words, events = [], stale = new Set(), link = { connected: false, reason: 'starting' }, unknown = 0;
 
 const label = (key) => words.labels[key]?.[now(key)] ?? '';
-const bitsOf = (word) => Object.entries(words.bits).filter(([bit]) => Math.floor(word / 2 ** bit) % 2).map(([, name]) => name);
+const bitsOf = (word) => Object.entries(words.bits).filter(([bit]) => Math.floor(word / 2 ** bit) % 2).map(([, found]) => found);
+const ofSeverity = (bits, wanted) => bits.filter(([severity]) => severity === wanted);
+const namesOf = (bits) => bits.map(([, name]) => name).join(', ');
 const clock = (ms) => new Date(ms).toISOString().slice(11, 19);
 const isStale = (packet) => !link.connected || stale.has(packet);
 
@@ -32,15 +33,15 @@ function verdict() {
   if (now('health.mode') === undefined) return ['low', 'WAITING', 'no health packet yet'];
   if (isStale('health')) return ['high', 'STALE', 'health is overdue: values are old'];
   const faults = bitsOf(now('health.health_now')), latched = bitsOf(now('health.health'));
-  const severe = faults.filter((name) => SEVERE.includes(name));
-  if (severe.length) return ['high', `${validity()}, FAULT`, faults.join(', ')];
-  if (faults.length) return ['medium', `${validity()}, DEGRADED`, faults.join(', ')];
+  if (ofSeverity(faults, 'high').length) return ['high', `${validity()}, FAULT`, namesOf(faults)];
+  if (ofSeverity(faults, 'medium').length) return ['medium', `${validity()}, DEGRADED`, namesOf(faults)];
   if (isStale('estimate')) return ['medium', 'ESTIMATE STALE', 'the estimate is overdue'];
   if (label('health.mode') !== 'IDENTIFY' && label('health.mode') !== 'BATCH')
     return ['low', label('health.mode'), 'nothing is identified in this mode'];
   if (!now('estimate.valid')) return ['low', 'NOT VALID YET', wordsOf(label('estimate.reason'))];
-  if (latched.length) return ['low', 'VALID, WITH A PAST FAULT', `over, and kept until cleared: ${latched.join(', ')}`];
-  return ['good', 'VALID', 'healthy: no fault now or before'];
+  const past = latched.filter(([severity]) => severity !== 'low');
+  if (past.length) return ['low', 'VALID, WITH A PAST FAULT', `over, and kept until cleared: ${namesOf(past)}`];
+  return ['good', 'VALID', latched.length ? `nothing to do; noted: ${namesOf(latched)}` : 'healthy: no fault now or before'];
 }
 const validity = () => isStale('estimate') ? 'ESTIMATE STALE' : now('estimate.valid') ? 'VALID' : 'NOT VALID';
 const wordsOf = (text) => text.toLowerCase().replaceAll('_', ' ');
@@ -68,8 +69,9 @@ function bodyTile(body) {
 
 function healthTile(name, key, none, colour, more) {
   if (now(key) === undefined) return tile(name, '...', '', '', 'health');
-  const found = bitsOf(now(key)), severe = found.some((one) => SEVERE.includes(one));
-  return tile(name, found.join(', ') || none, found.length ? more : '', found.length ? (severe ? 'high' : colour) : 'good', 'health');
+  const found = bitsOf(now(key)), worst = ['high', 'medium', 'low'].find((one) => ofSeverity(found, one).length);
+  const shown = worst === 'medium' ? colour : worst ?? 'good';
+  return tile(name, namesOf(found) || none, found.length ? more : '', shown, 'health');
 }
 
 function tiles() {

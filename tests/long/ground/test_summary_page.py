@@ -15,12 +15,13 @@ from tests.support.fake_daemon import FakeDaemon, completed, packet, report, run
 from tests.support.live_run import ENVIRONMENT, wait_for
 
 PORT_LOST = 10
+SLIPS, PORT, BUS = 0, 1, 18  # bits of the health word, docs/telemetry.md
 LATER = 40  # events: well behind the history
 
 
-def telemetry():
+def telemetry(faults):
     """A run with faults: events in bursts, a latched bit, a slip, no base among the unknowns."""
-    estimates = run_of_estimates()
+    estimates = run_of_estimates(faults=faults)
     count = 0
 
     def make() -> bytes:
@@ -71,11 +72,17 @@ def choose(browser, name: str) -> None:
 
 
 @pytest.fixture
-def page(tmp_path):
+def faults():
+    """Return the words of the health packet; a test may change them."""
+    return {"health": 0, "health_now": 0}
+
+
+@pytest.fixture
+def page(tmp_path, faults):
     """Give daemon, browser on the page, and the ground's state folder."""
     if not (default_folder() / ENTRY).exists():
         pytest.skip("needs Open MCT: ground fetch-assets, or sh tests/setup --all")
-    with FakeDaemon(answer, stream=telemetry(), period_s=0.4) as daemon:
+    with FakeDaemon(answer, stream=telemetry(faults), period_s=0.4) as daemon:
         command = ["-m", "ground", "--port", str(daemon.port), "--state", str(tmp_path / "state")]
         command += ["serve", "--http-port", "0", "--command"]
         gateway = subprocess.Popen(
@@ -183,3 +190,24 @@ def burst(browser) -> tuple[int, int] | None:
     """Return the number of the newest rejection that the page shows, and how many it counts."""
     found = re.search(r"TC_REJECTED × (\d+)\s.*no (\d+)", text(browser, "#events"))  # noqa: RUF001
     return (int(found[2]), int(found[1])) if found else None
+
+
+@pytest.mark.parametrize(
+    ("bit", "colour", "verdict"),
+    [
+        (SLIPS, "good", "VALID"),
+        (BUS, "medium", "VALID, DEGRADED"),
+        (PORT, "high", "VALID, FAULT"),
+    ],
+)
+def test_the_verdict_is_worse_only_where_an_operator_must_act(page, faults, bit, colour, verdict):
+    _, browser, _ = page
+    wait_for("valid", lambda: text(browser, "#verdict strong") == "VALID")
+    faults |= {"health": 1 << bit, "health_now": 1 << bit}
+    named = {SLIPS: "slips", BUS: "bus", PORT: "port lost"}[bit]
+    wait_for("the fault", lambda: named in text(browser, "#verdict"))
+    assert text(browser, "#verdict strong") == verdict
+    assert browser.execute_script("return document.querySelector('#verdict').className") == colour
+    faults |= {"health_now": 0}
+    over = "VALID" if bit == SLIPS else "VALID, WITH A PAST FAULT"
+    wait_for("its end", lambda: text(browser, "#verdict strong") == over)
