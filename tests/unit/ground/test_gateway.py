@@ -373,8 +373,9 @@ def test_health_is_given_in_words_and_labels(assets):
     async def check():
         async with gateway(1, assets) as client:
             words = await (await client.get("/words")).json()
-            assert words["bits"]["1"] == "port lost"
-            assert words["bits"]["14"] == "loop silent"
+            assert words["bits"]["0"] == ["low", "slips"]
+            assert words["bits"]["1"] == ["high", "port lost"]
+            assert words["bits"]["14"] == ["high", "loop silent"]
             assert len(words["bits"]) == 21
             assert words["labels"]["health.mode"]["3"] == "IDENTIFY"
             assert words["may_command"] is False
