@@ -1,6 +1,5 @@
 """Section of reaction wheels: rotors that exchange momentum with the base."""
 
-from collections.abc import Mapping, Sequence
 from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
@@ -134,19 +133,3 @@ class WheelConfig(Section):
     def walk_nm_sqrt_s(self) -> float:
         """Return 1 sigma of the change in 1 s of the torque on the rotor [N m / sqrt(s)]."""
         return self.torque_walk_nm_sqrt_s or self.torque_limit_nm
-
-
-def wheels_go_with(wheels: Sequence[WheelConfig], rates_hz: Mapping[str, float]) -> None:
-    """Raise ValueError for a wheel whose bus is not in `rates_hz` (SYNC rates), or too slow."""
-    for i, wheel in enumerate(wheels):
-        if wheel.bus is None:
-            continue
-        if wheel.bus not in rates_hz:
-            raise ValueError(
-                f"wheels.{i}.bus: {wheel.bus!r} is not one of the buses {sorted(rates_hz)}"
-            )
-        if wheel.rate_hz > rates_hz[wheel.bus]:
-            raise ValueError(
-                f"wheels.{i}.rate_hz: {wheel.rate_hz:g} must be at most the bus's SYNC rate "
-                f"{rates_hz[wheel.bus]:g}"
-            )

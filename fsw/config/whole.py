@@ -7,7 +7,7 @@ from typing import Annotated, Any, Self
 
 from pydantic import ConfigDict, Field, PrivateAttr, ValidationError, model_validator
 
-from fsw.config.actuators import ACTUATORS, Actuator
+from fsw.config.actuators import ACTUATORS, Actuator, actuators_go_with
 from fsw.config.base import BodyName, Section, allow_null, null_is_left_out
 from fsw.config.buses import BusConfig
 from fsw.config.consistency import (
@@ -48,7 +48,7 @@ from fsw.config.text import (
     read_yaml,
 )
 from fsw.config.thrusters import ThrusterConfig, thrusters_go_with
-from fsw.config.wheels import WheelConfig, wheels_go_with
+from fsw.config.wheels import WheelConfig
 from fsw.config.wrench_sensors import WrenchSensorConfig, wrench_sensors_go_with
 from fsw.errors import ConfigError
 
@@ -236,12 +236,10 @@ class Config(Section):
                 raise ValueError(f"joints.{i}.format: 'fd' needs buses.{joint.bus}.fd: true")
         feeds_go_with(self.buses, _bus_devices(self))
         descriptions_go_with(self.buses, self.joints, _placed(self.actuators))
-        rates_hz = {name: bus.rate_hz for name, bus in names.items()}
-        wheels_go_with(self.wheels, rates_hz)
+        actuators_go_with(self.actuators, {name: bus.rate_hz for name, bus in names.items()})
         wrench_sensors_go_with(self.wrench_sensors, self.estimator.method)
         thrusters_go_with(
             self.thrusters,
-            rates_hz,
             attitude=self.star_tracker is not None,
             base_motion=self.base.motion,
         )

@@ -161,21 +161,10 @@ def _of_states(flight: _Flight) -> Iterator[Cost]:
             if not len(states):
                 continue
             apart = np.flatnonzero(~used & (kinds != kind))
-            size = config.robot.links_sigma_ratio if kind == "known" else sizes[states].max()
-            amount = (
-                _amplitudes(config) if kind == "mode_start" else f"{size:.3g} {group.unit}".rstrip()
-            )
+            amount = f"{sizes[states].max():.3g} {group.unit}".rstrip()
+            amount = group.amount(config) if group.amount else amount
             told = f"{group.effect}, {amount}"
             yield _cost(full, own.without(states, apart), told, group.key, is_modelled=is_modelled)
-
-
-def _amplitudes(config: Config) -> str:
-    """Return the largest 1 sigma start amplitudes of liquid [m] and panels [rad] as words."""
-    found = []
-    for kind, words, unit in (("slosh", "liquid", "m"), ("panel", "panels", "rad")):
-        own = [mode.amplitude for mode in config.modes if mode.kind == kind]
-        found += [f"{words} by {max(own):.3g} {unit}"] if own else []
-    return ", ".join(found)
 
 
 def with_sizes(config: Config, problem: Problem) -> Config:

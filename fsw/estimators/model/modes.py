@@ -11,13 +11,12 @@ ratio). With M the mass of liquid or a panel's inertia about its hinge, w and ze
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
 
 from fsw.config import Config, ModeConfig
 from fsw.estimators.effects.on_base import Costly, OnBase, is_free
@@ -29,12 +28,86 @@ from fsw.estimators.model.inertia import (
     to_parameters,
 )
 from fsw.estimators.model.robot import Appended
+from fsw.estimators.model.state_group import Setting, Spread, StateGroup
 from fsw.messages import FloatArray
 
 if TYPE_CHECKING:
     from fsw.estimators.model.problem import Problem
 
 EXACT = 1e-9  # least sigma of a mode's state, for one that is configured as exact
+
+
+def _rate_rad_s(mode: ModeConfig) -> float:
+    return 2.0 * np.pi * mode.frequency_hz
+
+
+def _each(key: str) -> Callable[[Setting], Spread]:
+    """Return the prior of one state for each mode; the state exists even if it is exact."""
+
+    def prior(setting: Setting) -> Spread:
+        modes = setting.config.modes
+        return [mode.name for mode in modes], [max(getattr(mode, key), EXACT) for mode in modes]
+
+    return prior
+
+
+def _starts(setting: Setting) -> Spread:
+    """Return label and sigma of every coordinate, then of every rate."""
+    modes = setting.config.modes
+    labels = [f"{own.name}.{k + 1}" for own in modes for k in range(len(own.axes_B))]
+    far = np.array([own.amplitude for own in modes for _ in own.axes_B])
+    rate_rad_s = np.array([_rate_rad_s(own) for own in modes for _ in own.axes_B])
+    return [*labels, *(f"{label}.rate" for label in labels)], [*far, *(rate_rad_s * far)]
+
+
+def _amplitudes(config: Config) -> str:
+    """Return the largest 1 sigma start amplitudes of liquid [m] and panels [rad] as words."""
+    found = []
+    for kind, words, unit in (("slosh", "liquid", "m"), ("panel", "panels", "rad")):
+        own = [mode.amplitude for mode in config.modes if mode.kind == kind]
+        found += [f"{words} by {max(own):.3g} {unit}"] if own else []
+    return ", ".join(found)
+
+
+CAUSE = "modes of the base"
+MASS = StateGroup(  # relative error of the inertia of each mode
+    name="mode_mass",
+    effect="mass of modes",
+    unit="",
+    key="modes[].mass_sigma_ratio",
+    cause=CAUSE,
+    prior=_each("mass_sigma_ratio"),
+    is_judged=True,
+)
+FREQUENCY = StateGroup(  # logarithm of the factor on the configured frequency
+    name="mode_frequency",
+    effect="frequency of modes",
+    unit="",
+    key="modes[].frequency_sigma_ratio",
+    cause=CAUSE,
+    prior=_each("frequency_sigma_ratio"),
+    is_judged=True,
+)
+DAMPING = StateGroup(  # logarithm of the factor on the configured damping ratio
+    name="mode_damping",
+    effect="damping of modes",
+    unit="",
+    key="modes[].damping_sigma_ratio",
+    cause=CAUSE,
+    prior=_each("damping_sigma_ratio"),
+    is_judged=True,
+)
+START = StateGroup(  # coordinates, then rates, at the start of the data [m or rad, and per s]
+    name="mode_start",
+    effect="modes that swing already when the motion begins",
+    unit="",
+    key="modes[].amplitude_*",
+    cause=CAUSE,
+    prior=_starts,
+    is_hidden=True,
+    amount=_amplitudes,
+)
+GROUPS = (MASS, FREQUENCY, DAMPING, START)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -59,23 +132,17 @@ class Modes:
 
     def springs(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return stiffness and damping (2, c) and their derivatives (2, c, p) by x (p,)."""
-        problem, rows = self.released, np.arange(len(self.of))
-        s, f, d = (
-            x[states][self.of]
-            for states in (
-                problem.at("mode_mass"),
-                problem.at("mode_frequency"),
-                problem.at("mode_damping"),
-            )
-        )
+        rows = np.arange(len(self.of))
+        mass, frequency, damping = (self.released.at(own.name) for own in GROUPS[:3])
+        s, f, d = (x[states][self.of] for states in (mass, frequency, damping))
         rate, own = self.rate_rad_s * np.exp(f), self.inertia * (1.0 + s)
         K, C = own * rate**2, 2.0 * self.damping_ratio * np.exp(d) * rate * own
         J = np.zeros((2, len(rows), len(x)))
-        J[0, rows, problem.at("mode_mass").start + self.of] = self.inertia * rate**2
-        J[1, rows, problem.at("mode_mass").start + self.of] = C / own * self.inertia
-        J[0, rows, problem.at("mode_frequency").start + self.of] = 2.0 * K
-        J[1, rows, problem.at("mode_frequency").start + self.of] = C
-        J[1, rows, problem.at("mode_damping").start + self.of] = C
+        J[0, rows, mass.start + self.of] = self.inertia * rate**2
+        J[1, rows, mass.start + self.of] = C / own * self.inertia
+        J[0, rows, frequency.start + self.of] = 2.0 * K
+        J[1, rows, frequency.start + self.of] = C
+        J[1, rows, damping.start + self.of] = C
         return np.array([K, C]), J
 
 
@@ -101,44 +168,17 @@ def modal_inertia(mode: ModeConfig) -> float:
 
 
 def with_modes(problem: Problem, modes: Sequence[ModeConfig]) -> Problem:
-    """Return the problem with the modes' states appended, and with its `modes` set."""
+    """Return the problem with its `modes` set; their states are in it already."""
     each = [mode for mode in modes for _ in mode.axes_B]
-    amplitude = np.array([mode.amplitude for mode in each])
-    rate_rad_s = 2.0 * np.pi * np.array([mode.frequency_hz for mode in each])
-    names = [mode.name for mode in modes]
-    labels = [f"{mode.name}.{k + 1}" for mode in modes for k in range(len(mode.axes_B))]
-    labels += [f"{label}.rate" for label in labels]
-    states = {
-        "mode_mass": (names, [mode.mass_sigma_ratio for mode in modes]),
-        "mode_frequency": (names, [mode.frequency_sigma_ratio for mode in modes]),
-        "mode_damping": (names, [mode.damping_sigma_ratio for mode in modes]),
-        "mode_start": (labels, [*amplitude, *(rate_rad_s * amplitude)]),
-    }
-    places: dict[str, slice] = {}
-    every, sigma = list(problem.names), []
-    for kind, (own, sigmas) in states.items():
-        places[kind] = slice(len(every), len(every) + len(own))
-        every += [f"{kind}.{label}" for label in own]
-        sigma += sigmas
-    locked = replace(
-        problem,
-        names=tuple(every),
-        prior_mean=np.concatenate([problem.prior_mean, np.zeros(len(sigma))]),
-        prior_covariance=block_diag(
-            problem.prior_covariance, np.diag(np.maximum(sigma, EXACT) ** 2)
-        ),
-        liquid=block_diag(problem.liquid, np.zeros((len(sigma), len(sigma)))),
-        places={**problem.places, **places},
-    )
     return replace(
-        locked,
+        problem,
         modes=Modes(
-            released=_released(locked, modes),
+            released=_released(problem, modes),
             of=np.repeat(np.arange(len(modes)), [len(mode.axes_B) for mode in modes]),
             inertia=np.array([modal_inertia(mode) for mode in each]),
-            rate_rad_s=rate_rad_s,
+            rate_rad_s=np.array([_rate_rad_s(mode) for mode in each]),
             damping_ratio=np.array([mode.damping_ratio for mode in each]),
-            amplitude=amplitude,
+            amplitude=np.array([mode.amplitude for mode in each]),
         ),
     )
 
@@ -169,7 +209,7 @@ def _words(config: Config) -> list[str]:
     """Return a line for each mode with its declared values and the effect of leaving it out."""
     lines = []
     for mode in config.modes:
-        inertia, rate_rad_s = modal_inertia(mode), 2.0 * np.pi * mode.frequency_hz
+        inertia, rate_rad_s = modal_inertia(mode), _rate_rad_s(mode)
         is_panel = mode.kind == "panel"
         size = f"{mode.mass_kg:.4g} kg" + f", {inertia:.4g} kg m^2 about its hinge" * is_panel
         far, pull = ("rad", "N m") if is_panel else ("m", "N")

@@ -53,6 +53,7 @@ class StateGroup:
     axes : labels of the three states of a vector
     doubt : of a mounting: 1 sigma by which a check finds a wrong one where `key` states none
     unknown : of a mounting: 1 sigma where nothing is known
+    amount : size of the effect in words; None: the largest prior sigma
     """
 
     name: str
@@ -73,6 +74,7 @@ class StateGroup:
     axes: Sequence[str] = "xyz"
     doubt: float = 0.0
     unknown: float = 0.0
+    amount: Callable[[Config], str] | None = None
 
     @property
     def title(self) -> str:

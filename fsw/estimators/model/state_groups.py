@@ -7,6 +7,7 @@ import numpy as np
 from fsw.config import Config
 from fsw.estimators.effects import friction, motor_side, wrench_sensor
 from fsw.estimators.effects.registered import DEVICES
+from fsw.estimators.model import modes
 from fsw.estimators.model.state_group import Setting, Spread, StateGroup, per_joint
 from fsw.estimators.model.walks import LEAST_RAD2
 
@@ -72,6 +73,7 @@ GROUPS = (
         is_hidden=True,
         is_repeated=True,
         mistake="masses and inertias of the robot's links",
+        amount=lambda config: f"{config.robot.links_sigma_ratio:.3g}",
     ),
     StateGroup(
         name="torque_offset",
@@ -218,43 +220,12 @@ GROUPS = (
         is_possible=_integrates,
         is_calibration=True,
     ),
-    StateGroup(  # relative error of the inertia of each of the base's modes
-        name="mode_mass",
-        effect="mass of modes",
-        unit="",
-        key="modes[].mass_sigma_ratio",
-        cause="modes of the base",
-        is_judged=True,
-    ),
-    StateGroup(  # logarithm of the factor on the configured frequency
-        name="mode_frequency",
-        effect="frequency of modes",
-        unit="",
-        key="modes[].frequency_sigma_ratio",
-        cause="modes of the base",
-        is_judged=True,
-    ),
-    StateGroup(
-        name="mode_damping",
-        effect="damping of modes",
-        unit="",
-        key="modes[].damping_sigma_ratio",
-        cause="modes of the base",
-        is_judged=True,
-    ),
-    StateGroup(  # coordinates, then rates, at the start of the data [m or rad, and per s]
-        name="mode_start",
-        effect="modes that swing already when the motion begins",
-        unit="",
-        key="modes[].amplitude_*",
-        cause="modes of the base",
-        is_hidden=True,
-    ),
     motor_side.ROTOR.group,
     motor_side.RIPPLE.group,
     friction.LOAD.group,
     wrench_sensor.OFFSET,
     wrench_sensor.SCALE,
+    *modes.GROUPS,
 )
 BY_NAME = {group.name: group for group in GROUPS}
 
