@@ -13,7 +13,7 @@ from fsw.checks import budget
 from fsw.checks.interfaces import SIMULATED, interface_fault
 from fsw.checks.rehearsal import rehearse
 from fsw.checks.robot import inertia_warnings, load_problem
-from fsw.checks.windows import lag_faults, mode_warnings, window_faults
+from fsw.checks.windows import lag_faults, window_faults
 from fsw.config import BusConfig, Config
 from fsw.config.feed import SAMPLES
 from fsw.config.joints import minute_walk
@@ -22,6 +22,7 @@ from fsw.config.telemetry import BUS_SLOTS, JOINT_SLOTS
 from fsw.drivers.codecs.entries import imu_codec
 from fsw.drivers.layout.joints import layouts_of, torque_steps_nm
 from fsw.errors import ConfigError
+from fsw.estimators.effects.registered import ON_BASE
 from fsw.estimators.model.problem import Problem
 
 LONG_LEVER_M = 10.0  # a longer lever arm of the inertial unit is probably in millimetres
@@ -133,7 +134,7 @@ def _warnings(config: Config) -> list[str]:
             "show a body"
         )
     found += _mounting_warnings(config)
-    found += mode_warnings(config)
+    found += [line for kind in ON_BASE for line in kind.warnings(config)]
     estimator = config.estimator
     if estimator.method != "mrnea" and estimator.weighting != "eiv":
         found.append(

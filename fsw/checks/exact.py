@@ -47,6 +47,5 @@ def exact_risks(trial: Trial) -> list[str]:
 
 def _doubt(group: StateGroup) -> float:
     """Return the default doubt of a group's constants."""
-    section, _, key = group.key.partition(".")
-    model = JointConfig if section == "joints[]" else ImuConfig
-    return model.model_fields[key].default or USUAL
+    model = JointConfig if group.section == "joints" else ImuConfig
+    return model.model_fields[group.field].default or USUAL

@@ -24,8 +24,7 @@ def with_doubtful_mounting(config: Config, problem: Problem) -> Problem:
         return problem
     imu = config.imu.model_dump()
     for group in MOUNTING.values():
-        key = group.key.removeprefix("imu.")
-        imu[key] = imu[key] or group.doubt
+        imu[group.field] = imu[group.field] or group.doubt
     return build_problem(config.with_sections(imu=imu), problem.model)
 
 

@@ -1,4 +1,4 @@
-"""Check the windows of a configuration: number of samples, lag, and frequency of modes."""
+"""Check the windows of a configuration: number of samples, and lag."""
 
 from operator import itemgetter
 
@@ -8,7 +8,6 @@ from fsw.estimators.polynomial import EXTRA_DEGREE
 
 MIN_WINDOW_SAMPLES = 8  # least samples of each channel in a window
 MAX_WINDOW_SAMPLES = 20_000  # most samples of the fastest channel: a window is one polynomial
-NODES_PER_PERIOD = 4.0  # with fewer, the window's polynomial misses a tenth of a swing or more
 
 
 def window_faults(config: Config) -> list[str]:
@@ -88,18 +87,4 @@ def lag_faults(config: Config) -> list[str]:
         f"{delay_s:.6f}"
         for source, delay_s in delays.items()
         if lag_s < delay_s
-    ]
-
-
-def mode_warnings(config: Config) -> list[str]:
-    """Return a line for each mode that swings too fast for the nodes of a window."""
-    estimator = config.estimator
-    most_hz = estimator.nodes / (NODES_PER_PERIOD * estimator.window_s)
-    return [
-        f"modes.{i}.frequency_hz: {mode.frequency_hz:g} ({mode.name}) is above {most_hz:.3g}, the "
-        f"most that estimator.nodes {estimator.nodes} in estimator.window_s {estimator.window_s:g} "
-        f"follow ({NODES_PER_PERIOD:g} nodes a period); take more nodes or a shorter window, or "
-        "leave the mode out"
-        for i, mode in enumerate(config.modes)
-        if mode.frequency_hz > most_hz
     ]

@@ -184,8 +184,7 @@ def _vector(kind: str, used: dict[str, Figure]) -> FloatArray | None:
 def _sigma(kind: str, used: dict[str, Figure]) -> dict[str, float]:
     """Return key and largest sigma of the three axes; empty unless all axes are measured."""
     own = [used.get(f"{kind}.{axis}") for axis in BY_NAME[kind].axes]
-    key = BY_NAME[kind].key.removeprefix("imu.")
-    return {key: max(f.sigma for f in own if f)} if all(own) else {}
+    return {BY_NAME[kind].field: max(f.sigma for f in own if f)} if all(own) else {}
 
 
 def sensor_axes(config: Config) -> FloatArray:

@@ -20,18 +20,13 @@ from fsw.estimators.measurement.row_functions import Linearisation, row_function
 from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.model.robot import RobotModel
-from fsw.estimators.model.state_groups import BY_NAME
+from fsw.estimators.model.state_group import StateGroup
+from fsw.estimators.model.state_groups import GROUPS
 from fsw.estimators.rotation import rotation_from_xyzw
 from fsw.messages import Block, FloatArray, Window
 
-# prior sigmas for a sensor about which nothing is known; a larger configured sigma stays
-WIDE_JOINT = {"torque_offset_sigma_nm": 2.0, "torque_scale_sigma_ratio": 0.2}
-WIDE_IMU = {
-    "gyro_bias_sigma_rad_s": 1e-3,
-    "acc_bias_sigma_m_s2": 0.3,
-    "mounting_angle_sigma_rad": 0.1,
-    "mounting_position_sigma_m": 0.3,
-}
+OF_JOINTS = [group for group in GROUPS if group.joint_key and group.calibrated_from]
+OF_IMU = [group for group in GROUPS if group.section == "imu"]
 WIDE_DELAY_S = 0.02
 STATED_DELAY_S = 2e-3  # assumed 1 sigma of a configured delay: no key states it
 WORTH_S = 5e-4  # a delay that is wrong by more is corrected, and the recording is replayed again
@@ -83,7 +78,7 @@ def _widened(config: Config) -> Config:
     if not config.joints:
         return config
     joints = [
-        {**joint.model_dump(), **joint.named(_wider(vars(joint), WIDE_JOINT))}
+        {**joint.model_dump(), **joint.named(_wider(vars(joint), OF_JOINTS))}
         if joint.torque != "none"
         else joint.model_dump()
         for joint in config.joints
@@ -91,11 +86,11 @@ def _widened(config: Config) -> Config:
     if not config.imu.present:
         return config.with_sections(joints=joints)
     imu = config.imu.model_dump()
-    return config.with_sections(joints=joints, imu=imu | _wider(imu, WIDE_IMU))
+    return config.with_sections(joints=joints, imu=imu | _wider(imu, OF_IMU))
 
 
-def _wider(section: dict[str, Any], wide: dict[str, float]) -> dict[str, float]:
-    return {key: max(section[key], sigma) for key, sigma in wide.items()}
+def _wider(section: dict[str, Any], groups: Sequence[StateGroup]) -> dict[str, float]:
+    return {own.field: max(section[own.field], own.calibrated_from) for own in groups}
 
 
 def _solved(
@@ -137,20 +132,20 @@ def _figures(
     joints = {joint.name: joint for joint in config.joints}
     sigma = np.sqrt(np.diag(covariance))
     found = []
-    for kind in ("torque_offset", "torque_scale"):
-        states, key = problem.at(kind), BY_NAME[kind].joint_key
+    for group in OF_JOINTS:
+        states, kind = problem.at(group.name), group.name
         for k, name in zip(
             range(states.start, states.stop), problem.model.joint_names, strict=True
         ):
             if joints[name].torque != "none":
-                known = _known(joints[name], key)
+                known = _known(joints[name], group.field)
                 value, own = float(mean[k]), float(sigma[k])
                 found.append(Figure(kind=kind, which=name, value=value, sigma=own, known=known))
-    for kind in ("gyro_bias", "acc_bias", "imu_angle", "imu_place", "gyro_scale", "gyro_axes"):
-        states, key = problem.at(kind), BY_NAME[kind].key.removeprefix("imu.")
+    for group in OF_IMU:
+        states, kind = problem.at(group.name), group.name
         if problem.has(kind):
             R = sensor_axes(config) if "bias" in kind else np.eye(3)
-            known = _known(config.imu, key)
+            known = _known(config.imu, group.field)
             found += in_axes(kind, mean[states], covariance[states, states], R, known)
     for name in NAMES:
         if name in problem.names:

@@ -24,8 +24,9 @@ class OnBase:
     is_possible : whether a robot can have such parts at all
     words : a line for each part, and lines on what the model contains
     faults : lines on parts that a base of these parameters (10,) cannot contain
-    left_out : the parts that a model can leave out, while they work along a motion in which
-        thrusters fire for so many seconds
+    warnings : lines on parts that are unlikely, or that the model does not follow
+    left_out : the parts that a model can leave out, while they work along a motion with
+        so many seconds of firings
     unplanned : what a planned motion leaves out, in words; the argument: whether anything fires
     """
 
@@ -34,6 +35,7 @@ class OnBase:
     is_possible: Callable[[Config], bool]
     words: Callable[[Config], list[str]]
     faults: Callable[[Config, FloatArray], Iterable[str]] = _nothing
+    warnings: Callable[[Config], Iterable[str]] = _nothing
     left_out: Callable[[Config, float], Sequence[Costly]]
     unplanned: Callable[[bool], str] = lambda _fires: ""
 

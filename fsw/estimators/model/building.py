@@ -214,9 +214,8 @@ def _in_doubt(config: Config) -> Config:
     joints, imu = dict[str, float](), dict[str, float]()
     for group in GROUPS:
         if group.is_constant_of_sensor and group.applies_to(config):
-            section, _, key = group.key.partition(".")
-            own = {"joints[]": joints, "imu": imu}.get(section, {})
-            own[key] = NOTHING_EXACT
+            own = joints if group.section == "joints" else imu
+            own[group.field] = NOTHING_EXACT
     return config.model_copy(
         update={
             "joints": tuple(_doubted(joint, joints) for joint in config.joints),

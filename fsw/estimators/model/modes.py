@@ -34,6 +34,7 @@ from fsw.messages import FloatArray
 if TYPE_CHECKING:
     from fsw.estimators.model.problem import Problem
 
+NODES_PER_PERIOD = 4.0  # with fewer, the window's polynomial misses a tenth of a swing or more
 EXACT = 1e-9  # least sigma of a mode's state, for one that is configured as exact
 
 
@@ -244,6 +245,20 @@ def _fault(config: Config, base: FloatArray) -> Iterator[str]:
         return
 
 
+def _warnings(config: Config) -> list[str]:
+    """Return a line for each mode that swings too fast for the nodes of a window."""
+    estimator = config.estimator
+    most_hz = estimator.nodes / (NODES_PER_PERIOD * estimator.window_s)
+    return [
+        f"modes.{i}.frequency_hz: {mode.frequency_hz:g} ({mode.name}) is above {most_hz:.3g}, the "
+        f"most that estimator.nodes {estimator.nodes} in estimator.window_s {estimator.window_s:g} "
+        f"follow ({NODES_PER_PERIOD:g} nodes a period); take more nodes or a shorter window, or "
+        "leave the mode out"
+        for i, mode in enumerate(config.modes)
+        if mode.frequency_hz > most_hz
+    ]
+
+
 def _left_out(config: Config, _fired_s: float) -> list[Costly]:
     """Return each mode, while the others are modelled."""
     modes = config.modes
@@ -261,5 +276,6 @@ ON_BASE = OnBase(
     is_possible=_is_possible,
     words=_words,
     faults=_fault,
+    warnings=_warnings,
     left_out=_left_out,
 )

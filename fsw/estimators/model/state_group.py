@@ -53,6 +53,7 @@ class StateGroup:
     axes : labels of the three states of a vector
     doubt : of a mounting: 1 sigma by which a check finds a wrong one where `key` states none
     unknown : of a mounting: 1 sigma where nothing is known
+    calibrated_from : least 1 sigma from which `fsw calibrate` estimates; 0: that of `key`
     amount : size of the effect in words; None: the largest prior sigma
     """
 
@@ -74,6 +75,7 @@ class StateGroup:
     axes: Sequence[str] = "xyz"
     doubt: float = 0.0
     unknown: float = 0.0
+    calibrated_from: float = 0.0
     amount: Callable[[Config], str] | None = None
 
     @property
@@ -87,16 +89,24 @@ class StateGroup:
         return not (self.is_calibration or self.is_hidden)
 
     @property
+    def section(self) -> str:
+        """Return the section of the key."""
+        return self.key.partition(".")[0].removesuffix("[]")
+
+    @property
+    def field(self) -> str:
+        """Return the key within its section."""
+        return self.key.partition(".")[2]
+
+    @property
     def joint_key(self) -> str:
         """Return the key within a joint's section; empty: the key is of another section."""
-        section, _, key = self.key.partition("[].")
-        return key if section == "joints" else ""
+        return self.field if self.section == "joints" else ""
 
     @property
     def is_constant_of_sensor(self) -> bool:
         """Return whether the states are constants of joints or inertial unit, such as a bias."""
-        section, _, name = self.key.partition(".")
-        return section in ("joints[]", "imu") and "_sigma_" in name
+        return self.section in ("joints", "imu") and "_sigma_" in self.field
 
     @property
     def is_exact_if_absent(self) -> bool:
@@ -105,8 +115,8 @@ class StateGroup:
 
     def applies_to(self, config: Config) -> bool:
         """Return whether a robot has what the states are of."""
-        section = self.key.partition(".")[0].removesuffix("[]")
-        has = config.imu.present if section == "imu" else bool(getattr(config, section))
+        own = getattr(config, self.section)
+        has = config.imu.present if self.section == "imu" else bool(own)
         return has and self.is_possible(config)
 
 

@@ -81,6 +81,7 @@ GROUPS = (
         unit="N m",
         key="joints[].torque_offset_sigma_nm",
         prior=per_joint("torque_offset_sigma_nm"),
+        calibrated_from=2.0,
     ),
     StateGroup(
         name="acc_bias",
@@ -89,6 +90,7 @@ GROUPS = (
         key="imu.acc_bias_sigma_m_s2",
         cause="accelerometer bias",
         prior=_of_imu("acc_bias_sigma_m_s2"),
+        calibrated_from=0.3,
     ),
     StateGroup(
         name="gyro_bias",
@@ -97,6 +99,7 @@ GROUPS = (
         key="imu.gyro_bias_sigma_rad_s",
         cause="gyro bias",
         prior=_of_imu("gyro_bias_sigma_rad_s"),
+        calibrated_from=1e-3,
     ),
     StateGroup(
         name="momentum",
@@ -114,6 +117,7 @@ GROUPS = (
         key="joints[].torque_scale_sigma_ratio",
         cause="torque scale",
         prior=per_joint("torque_scale_sigma_ratio"),
+        calibrated_from=0.2,
         is_judged=True,
         is_repeated=True,
         shared=0.5,  # one calibration rig for all joints
@@ -169,6 +173,7 @@ GROUPS = (
         key="imu.mounting_position_sigma_m",
         cause="inertial unit's place",
         prior=_of_imu("mounting_position_sigma_m"),
+        calibrated_from=0.3,
         is_calibration=True,
         is_repeated=True,
         doubt=0.01,
@@ -181,6 +186,7 @@ GROUPS = (
         key="imu.mounting_angle_sigma_rad",
         cause="inertial unit's attitude",
         prior=_of_imu("mounting_angle_sigma_rad"),
+        calibrated_from=0.1,
         is_calibration=True,
         is_repeated=True,
         doubt=5e-3,
