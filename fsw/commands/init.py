@@ -118,7 +118,7 @@ def described(
         raise ConfigError(f"{arguments.urdf} has no joint that moves; at least 1 is needed")
     is_held = arguments.base == "clamped"
     found = found_in(model)
-    is_current = found is not None and found.wires is not None and found.wires.is_current
+    is_current = found is not None and found.is_current
     usual = "motor_current" if is_current else "arm_sensor" if is_held else "generic"
     arguments.torque = arguments.torque or usual
     text = _text(arguments, ask, tool, root, model, found)

@@ -10,6 +10,7 @@ def _words(text: str) -> frozenset[str]:
 
 
 TORQUE = _words("torque torques tau tauj effort eff trq tq moment")
+CURRENT = _words("iq current currents")
 SPEED = _words("velocity velocities vel qd dq dqj qdot speed")
 OTHER = _words("acceleration accelerations qdd ddq current currents i temperature temp")
 POSITION = _words("position positions pos q angle angles theta joint joints j")
@@ -123,8 +124,12 @@ def chosen(
 
 
 def positions_and_torques(groups: Sequence[Group]) -> tuple[Group | None, Group | None]:
-    """Return the groups of the joints' positions and torques; None: there is none."""
+    """Return the groups of the joints' positions and torques; None: there is none.
+
+    Currents stand for torques that are not there.
+    """
     torque = chosen(groups, TORQUE, SPEED | OTHER)
+    torque = torque or chosen(groups, CURRENT, SPEED | (OTHER - CURRENT))
     position = chosen(groups, POSITION, TORQUE | SPEED | OTHER)
     bare = [group for group in groups if group.stem == "{}"]  # named as the joints themselves
     return position or next(iter(bare), None), torque

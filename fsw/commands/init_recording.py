@@ -17,6 +17,7 @@ from fsw.commands.importing.tables import ISO, Table
 from fsw.commands.init_columns import (
     FORCE,
     GYRO,
+    TORQUE,
     TURN,
     Group,
     axis_groups,
@@ -59,7 +60,6 @@ class Wires:
     name: str  # of the bus
     bus: Sequence[str]  # its other lines
     joints: Sequence[Sequence[str]]  # lines of each joint
-    is_current: bool = False  # the torque is computed from the motor's current
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,6 +70,7 @@ class Recorded:
     imu_rate_hz: float = 0.0  # 0: no inertial unit
     tracker_rate_hz: float = 0.0  # 0: no star tracker
     has_torque: bool = True
+    is_current: bool = False  # the torque is computed from the motor's current
     joints: Sequence[Limits] = ()  # in the order of the model
     gyro_noise_rad_s: float = 0.0  # 1 sigma of a sample; 0: not seen, as of the next two
     acc_noise_m_s2: float = 0.0
@@ -144,10 +145,12 @@ def _of_table(table: Table, model: RobotModel) -> Recorded:
     lines = [f"time: {{column: {_quoted(column)}, unit: {unit}}}  # CHECK", "joints:"]
     lines.append(f"  order: {_listed(model.joint_names)}  # CHECK as the columns come")
     lines.append(_line("position", position, q_unit, q, "rad"))
-    tau = None
+    tau, is_current = None, torque is not None and not TORQUE & set(torque.words)
     if torque is not None:
         tau, tau_unit = _torques(table, torque, model)
-        lines.append(_line("torque", torque, tau_unit, tau, "N m"))
+        line = _line("torque", torque, tau_unit, tau, "A" if is_current else "N m")
+        gains = f", scale: {[1.0] * model.n}}}  # CHECK N m per A at the joint, gear included;"
+        lines.append(line.replace("}  # CHECK", gains) if is_current else line)
     rest = [
         name for name in names if name not in {*position.columns, *(torque or position).columns}
     ]
@@ -155,6 +158,7 @@ def _of_table(table: Table, model: RobotModel) -> Recorded:
     return Recorded(
         rate_hz=rate_of(t_s),
         has_torque=tau is not None,
+        is_current=is_current,
         joints=sizes_of(t_s, q, tau, model.kinds()),
         mapping=[*lines, *others],
         **seen,

@@ -9,7 +9,15 @@ import numpy as np
 import yaml
 
 from fsw.checks.wiring import frames_of
-from fsw.commands.init_columns import OTHER, PLANNED, POSITION, SPEED, TORQUE, words_of
+from fsw.commands.init_columns import (
+    CURRENT,
+    OTHER,
+    PLANNED,
+    POSITION,
+    SPEED,
+    TORQUE,
+    words_of,
+)
 from fsw.config.signals import LINEAR, UNITS, plain_unit
 from fsw.drivers.layout.decoder import Decoder
 from fsw.drivers.layout.signals import Message, Signal
@@ -18,7 +26,6 @@ from fsw.messages import FloatArray
 
 Role = Literal["position", "torque"]
 Quantity = Literal["position", "torque", "current"]
-CURRENT = frozenset({"iq", "current", "currents"})
 NOT_MEASURED = PLANNED | frozenset(
     ("set", "setpoint", "input", "demand", "limit", "limits", "ff", "gain", "bus", "supply")
 )

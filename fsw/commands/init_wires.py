@@ -202,7 +202,8 @@ class _Proposal:
             rate_hz=rate_hz,
             has_torque=torque is not None,
             joints=self._sizes([e.factor for e in angles], [e.factor for e in forces]),
-            wires=Wires(name=name, bus=bus, joints=joints, is_current=is_current),
+            wires=Wires(name=name, bus=bus, joints=joints),
+            is_current=is_current,
         )
 
     def _each(self, use: Use | None, role: Role) -> list[tuple[Signal, Role, str]]:

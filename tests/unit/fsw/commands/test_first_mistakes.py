@@ -1,21 +1,19 @@
 """Mistakes of a first try, rows of docs/howto/when_wrong.md: one line with cause and cure."""
 
 import re
-from pathlib import Path
 
 import pytest
 
 from fsw.__main__ import main
 from tests.support.first_mistakes import MADE
+from tests.support.when_wrong import ROWS
 
-PAGE = Path(__file__).parents[4] / "docs" / "howto" / "when_wrong.md"
-ROW = re.compile(r"^\| (.+?) \| `(fsw .+?)` \| `(.+)` \|$", re.MULTILINE)
-ROWS = {mistake: own for mistake, *own in ROW.findall(PAGE.read_text(encoding="utf-8"))}
+OWN = {mistake: own for mistake, *own in ROWS}
 
 
 @pytest.mark.parametrize("mistake", MADE)
 def test_a_mistake_is_one_line_with_cause_and_cure(mistake, arm, capsys):
-    command, words = ROWS[mistake]
+    command, words = OWN[mistake]
     typed = MADE[mistake](arm)
     assert command.split()[:2] == ["fsw", typed[0]]
     assert main(typed) in (1, 2)

@@ -129,6 +129,24 @@ def test_joints_without_torque_have_none(folder):
     assert {joint.torque for joint in load(folder / "robot.yaml").joints} == {"none"}
 
 
+def test_currents_stand_for_torques_that_are_not_there(folder, capsys):
+    t, q, tau = motion()
+    currents = {f"current_{j}": tau[:, k] / 5.0 for k, j in enumerate(JOINTS)}
+    planned = {f"target_current_{j}": 0.0 * t for j in JOINTS}
+    angles = {name: own for name, own in by_name(t, q, tau).items() if "effort" not in name}
+    recording = table(folder / "arm.csv", angles | planned | currents)
+    assert initialised(folder, recording) == 0
+    assert {own.torque for own in load(folder / "robot.yaml").joints} == {"motor_current"}
+    path = folder / "robot.map.yaml"
+    (line,) = (own for own in path.read_text().splitlines() if own.startswith("  torque:"))
+    assert "scale: [1.0, 1.0, 1.0]}  # CHECK N m per A at the joint, gear included" in line
+    assert yaml.safe_load(path.read_text())["joints"]["torque"]["columns"] == list(currents)
+    assert imported(folder, recording) == 0
+    both = table(folder / "both.csv", by_name(t, q, tau) | currents)
+    assert initialised(folder, both, "--force") == 0
+    assert yaml.safe_load(path.read_text())["joints"]["torque"]["columns"][0] == "effort_axis1"
+
+
 def test_a_can_log_gives_rate_and_nodes(folder):
     with can.Logger(folder / "arm.log") as logger:
         for k in range(400):
