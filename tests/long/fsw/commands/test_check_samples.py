@@ -12,10 +12,10 @@ import yaml
 
 from fsw.__main__ import main
 from hil.run.bench import prepare
-from tests.long.fsw.commands.test_newcomer import ROWS
 from tests.support.sampled_cases import Columns, sampled, sampled_config, write_csv
 from tests.support.sampled_mistakes import IN_FREE_FLOAT, UNDER_GRAVITY, spoiled
 from tests.support.short_cases import short
+from tests.support.when_wrong import ROWS
 
 WORDS = {mistake: words for mistake, _, words in ROWS}
 PLACES = dict.fromkeys(UNDER_GRAVITY, "bench_target") | dict.fromkeys(IN_FREE_FLOAT, "target_leo")
