@@ -16,7 +16,7 @@ from fsw.drivers.codecs.framing import Framer
 from fsw.drivers.wire import Reject
 
 ADDRESS = 0x21
-SET_PARAMETER, GET_PARAMETER, REQUEST_TELEMETRY, ACTION = 0x00, 0x01, 0x02, 0x03
+SET_PARAMETER = 0x00
 ASYNCHRONOUS_TELEMETRY = 0x84
 TELEMETRY_REPLY = 0x82
 SOLUTION_ID = 24
@@ -83,16 +83,6 @@ def encode(payload: bytes) -> bytes:
     body = payload + xxh32_intdigest(payload, HASH_SEED).to_bytes(4, "little")
     body = body.replace(b"\xdb", b"\xdb\xdd").replace(b"\xc0", b"\xdb\xdc")
     return b"\xc0" + body + b"\xc0"
-
-
-def encode_boot() -> bytes:
-    """Return the action that leaves the boot loader."""
-    return encode(bytes((ADDRESS, ACTION, 1, 1)))
-
-
-def encode_request(identifier: int) -> bytes:
-    """Return a request for one telemetry frame."""
-    return encode(bytes((ADDRESS, REQUEST_TELEMETRY, identifier)))
 
 
 def encode_subscribe(identifiers: tuple[int, ...]) -> bytes:

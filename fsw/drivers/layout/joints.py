@@ -13,6 +13,7 @@ from fsw.config.signals import (
     LayoutSignalConfig,
     Role,
     SignalConfig,
+    TimingConfig,
     plain_unit,
 )
 from fsw.drivers.layout.files import read_messages, read_node
@@ -46,9 +47,12 @@ class Use:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Layout:
-    """The signals of one device, by role."""
+    """What one device sends: signals by role, how they are timed, which status is good."""
 
     uses: tuple[Use, ...]
+    timing: TimingConfig
+    mask: int = 0  # bits of the status that are looked at
+    value: int = 0  # what they must be
 
     def use(self, role: int) -> Use | None:
         """Return the signal of a role; None: the device has none."""
@@ -97,9 +101,8 @@ def in_words(joint: JointConfig, layout: Layout) -> str:
         for name in joint.signals or {}
         if (use := layout.use(ROLES_BY_NAME[name])) is not None
     )
-    timing = joint.timing
-    by = "" if timing is None else f"; time by {timing.by}, sigma {timing.sigma_s or 0.0:g} s"
-    return f"{joint.name}: {read}{by}"
+    timing = layout.timing
+    return f"{joint.name}: {read}; time by {timing.by}, sigma {timing.sigma_s or 0.0:g} s"
 
 
 def torque_steps_nm(config: Config) -> list[float]:
@@ -176,10 +179,12 @@ def _layout_of(joint: Device, messages: Mapping[str, Message]) -> Layout:
         except ConfigError as error:
             lines.append(f"{name}.{error}")
     lines = [f"signals.{line}" for line in lines or _status_faults(uses)]
-    lines += _time_faults(joint, uses)
-    if lines:
+    timing, status = joint.timing, (joint.signals or {}).get("status")
+    lines += ["timing: missing"] if timing is None else _time_faults(timing, uses)
+    if lines or timing is None:
         raise ConfigError("\n".join(lines))
-    return Layout(uses=tuple(uses))
+    mask, value = (status and status.mask) or 0, (status and status.value) or 0
+    return Layout(uses=tuple(uses), timing=timing, mask=mask, value=value)
 
 
 def _use(
@@ -248,10 +253,10 @@ def _status_faults(uses: list[Use]) -> Iterator[str]:
             yield f"status.message: {use.message.name!r} holds no other signal of the device"
 
 
-def _time_faults(joint: Device, uses: list[Use]) -> Iterator[str]:
+def _time_faults(timing: TimingConfig, uses: list[Use]) -> Iterator[str]:
     """Yield a line if the step of a time of day is coarser than the stated error."""
-    timing, step_s = joint.timing, max((u.factor for u in uses if u.role == TIME), default=0.0)
-    if timing is not None and timing.by == "time" and (timing.sigma_s or 0.0) < 0.28 * step_s:
+    step_s = max((u.factor for u in uses if u.role == TIME), default=0.0)
+    if timing.by == "time" and (timing.sigma_s or 0.0) < 0.28 * step_s:
         yield (
             f"timing.sigma_s: {timing.sigma_s:g}; must be at least {0.28 * step_s:g}, as the time "
             f"in a sample counts steps of {step_s:g} s"

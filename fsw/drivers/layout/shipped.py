@@ -3,15 +3,24 @@
 The DBC files beside the drivers describe the same frames for other tools.
 """
 
+from dataclasses import replace
 from math import tau
 
+from fsw.config import ThrusterConfig, WheelConfig
 from fsw.config.joints import TORQUE_STEP_NM
+from fsw.config.signals import TimingConfig
 from fsw.drivers.layout.decoder import Decoder
+from fsw.drivers.layout.joints import COUNTER, POSITION, STATUS, TIME, TORQUE, Layout, Use
 from fsw.drivers.layout.signals import Message, Number, Signal
 
 POSITION_SCALE_RAD = tau * 2.0**-24  # also of speeds [rad/s]
 TEMPERATURE_SCALE_K = 0.1
 AGE_SCALE_NS = 10_000
+STATUS_OF_ACTUATOR = 0xD8  # value valid, fault, SYNC lost, test data
+STATUS_ACTUATOR_VALID = 0x08
+NODE_ROLES = {"status": STATUS, "counter": COUNTER}
+WHEEL_ROLES = {"speed": POSITION, "torque": TORQUE} | NODE_ROLES
+VALVE_ROLES = {"valves": POSITION, "age": TORQUE, "changes": TIME} | NODE_ROLES
 OLD = 0xFFFF  # age on the wire: the newest change is this old or older, or there was none
 
 
@@ -69,6 +78,19 @@ READ_JOINT = Decoder(JOINT, JOINT.named("position", "torque", "status", "counter
 READ_JOINT_FD = Decoder(JOINT_FD, JOINT_FD.named("position", "torque", "status", "counter"))
 READ_SPEED_FD = Decoder(JOINT_FD, JOINT_FD.named("velocity", "torque", "status", "counter"))
 READ_JOINT_SLOW = Decoder(JOINT_SLOW, JOINT_SLOW.named("velocity", "motor_torque", "temperature"))
-READ_WHEEL = Decoder(WHEEL, WHEEL.named("speed", "torque", "status", "counter"))
 READ_WHEEL_SLOW = Decoder(WHEEL_SLOW, WHEEL_SLOW.named("temperature"))
-READ_THRUSTER = Decoder(THRUSTER, THRUSTER.named("valves", "age", "changes", "status", "counter"))
+
+
+def shipped(device: WheelConfig | ThrusterConfig, service: int) -> Layout:
+    """Return what the tailored node of a wheel or of valves sends; `service`: of its reports."""
+    own, roles = (
+        (WHEEL, WHEEL_ROLES) if isinstance(device, WheelConfig) else (THRUSTER, VALVE_ROLES)
+    )
+    message = replace(own, identifier=service | (device.node_id or 0))
+    pairs = zip(roles.values(), message.named(*roles), strict=True)
+    return Layout(
+        uses=tuple(Use(role=role, message=message, signal=s, factor=1.0) for role, s in pairs),
+        timing=TimingConfig(by="echoed_counter"),
+        mask=STATUS_OF_ACTUATOR,
+        value=STATUS_ACTUATOR_VALID,
+    )

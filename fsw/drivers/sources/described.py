@@ -40,8 +40,7 @@ class DescribedBusSource:
         period_s = 1.0 / bus.rate_hz
         self._period_ns = round(1e9 * period_s)
         self._silent_ns = round((health or HealthConfig()).silent_periods * self._period_ns)
-        rates_hz = [bus.rate_hz] * len(joints)
-        self._samples = DescribedSamples(bus, self._joints, own, rates_hz)
+        self._samples = DescribedSamples(bus, own, [bus.rate_hz] * len(joints))
         self._heard_ns = self._samples.heard_ns
         steps_rad = [position_step_rad(*pair) for pair in zip(self._joints, own, strict=True)]
         self._end = JointEnd(joints, period_s, steps_rad)
@@ -102,19 +101,21 @@ class DescribedBusSource:
             frame = frame_at(frames, row)
             if (found := self._reports.error(frame)) is not None:
                 self._found.append(Finding(frame.t_ns, found[0], self._bus.name, found[1]))
-        timed, short, others = self._samples.read(frames)
-        self._reports.other_frames += others
+        timed, short = self._samples.read(frames)
+        self._reports.other_frames += self._samples.others(frames)
         for place, at_ns, size in short:
             self._refuse(place, at_ns, Reject.LENGTH, size, f"{size} bytes")
         return self._judged(timed)
 
     def _judged(self, timed: Timed) -> JointSamples:
         """Return the samples that are usable; count and report the others."""
-        joint, index, t_ns, _, values, status, good_status = timed
+        joint, index, t_ns, _, values, status, good_status, crept = timed
         usable = good_status & np.isfinite(values[:, POSITION]) & (index >= 0)
         for k in np.flatnonzero(~usable).tolist():
             if index[k] < 0:
-                self._refuse(joint[k], int(timed.done_ns[k]), Reject.STALE, 0, "no time")
+                text = self._samples.movement if crept[k] else "no time"
+                fault = Fault.SYNC_CREEPS if crept[k] else None
+                self._refuse(joint[k], int(timed.done_ns[k]), Reject.STALE, 0, text, fault)
             else:
                 text = f"status 0x{status[k]:x}" if not good_status[k] else "the invalid value"
                 self._refuse(joint[k], int(timed.done_ns[k]), Reject.STATUS, 0, text)

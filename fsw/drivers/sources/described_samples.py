@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw.config import BusConfig, Describable, JointConfig
+from fsw.config import BusConfig
 from fsw.config.signals import BY_SYNC, TimingConfig
 from fsw.drivers.codecs.canopen import COB_SYNC
 from fsw.drivers.layout.joints import COUNTER, STATUS, TIME, Layout
@@ -42,6 +42,7 @@ class Timed(NamedTuple):
     values: FloatArray
     status: IntArray
     is_good: NDArray[np.bool_]  # by the status
+    crept: NDArray[np.bool_]  # without a time, because the stamps of SYNC creep
 
 
 class DescribedSamples:
@@ -53,15 +54,11 @@ class DescribedSamples:
     """
 
     def __init__(
-        self,
-        bus: BusConfig,
-        devices: Sequence[JointConfig | Describable],
-        layouts: Sequence[Layout],
-        rates_hz: Sequence[float],
+        self, bus: BusConfig, layouts: Sequence[Layout], rates_hz: Sequence[float]
     ) -> None:
-        self._count = len(devices)
+        self._count = len(layouts)
         self._reader = FrameReader(layouts)
-        timings = [timing_of(device) for device in devices]
+        timings = [layout.timing for layout in layouts]
         own = list(zip(timings, layouts, [1.0 / rate for rate in rates_hz], strict=True))
         self._late_ns = np.array([round(timing.delay_s * 1e9) for timing in timings])
         self._late_ns -= round(bus.latch_offset_s * 1e9) * np.isin(
@@ -98,11 +95,10 @@ class DescribedSamples:
         ]
         self._groups = Groupings(list(zip(members, spreads_ns, strict=True)))
         self._by_time = [own for own in self._validity if isinstance(own, ByTime)]
-        statuses = [(device.signals or {}).get("status") for device in devices]
-        self._mask = np.array([(use and use.mask) or 0 for use in statuses])
-        self._wanted = np.array([(use and use.value) or 0 for use in statuses])
+        self._mask = np.array([layout.mask for layout in layouts])
+        self._wanted = np.array([layout.value for layout in layouts])
         self._syncs: SyncHistory = history_of(bus)
-        self.heard_ns: list[int | None] = [None] * len(devices)  # newest frame of each device
+        self.heard_ns: list[int | None] = [None] * len(layouts)  # newest frame of each device
         self.words = self._reader.words  # identifiers of the devices' frames, with flag bits
 
     @property
@@ -111,23 +107,31 @@ class DescribedSamples:
         return self._sync_cues.count
 
     @property
+    def movement(self) -> str:
+        """How far the stamps of SYNC have crept, in words."""
+        return self._syncs.movement
+
+    @property
     def headless(self) -> int:
         """Number of samples without the message that carries the time."""
         return self._groups.headless
 
-    def read(self, frames: FrameArray) -> tuple[Timed, list[tuple[int, int, int]], int]:
+    def others(self, frames: FrameArray) -> int:
+        """Return the number of frames that are neither a device's nor a cue."""
+        known = [self.words, *(cues.words for cues in self._cues.values())]
+        return int(np.count_nonzero(~np.isin(frames["word"], np.concatenate(known))))
+
+    def read(self, frames: FrameArray) -> tuple[Timed, list[tuple[int, int, int]]]:
         """Accept frames in order, sent ones included.
 
         Returns
         -------
-        samples; device, stamp and bytes of frames that are too short; number of other frames
+        samples; device, stamp and bytes of frames that are too short
         """
         words = np.ascontiguousarray(frames["word"])
-        is_own = np.isin(words, self.words)
         for cues in self._cues.values():
             is_cue = words == cues.words[0] if len(cues.words) == 1 else np.isin(words, cues.words)
             cues.note(frames["t_ns"][is_cue].astype(np.int64))
-            is_own |= is_cue
         if self._by_time and (is_time := words == COB_TIME).any():
             told = time_objects(frames[is_time])
             for by_time in self._by_time:
@@ -141,39 +145,41 @@ class DescribedSamples:
         for replies in self._replies:
             device, arrivals = replies.date(device, arrivals)
         device, group = self._groups.feed(device, arrivals)
-        index, times_ns = self._times(device, group)
+        index, times_ns, crept = self._times(device, group)
         raw = group.values[:, STATUS]
-        status = np.nan_to_num(raw).astype(np.int64)
+        status = _whole(raw)
         is_good = status & self._mask[device] == self._wanted[device]
         is_good &= ~np.isnan(raw) | (self._mask[device] == 0)
-        timed = Timed(device, index, times_ns, group.done_ns, group.values, status, is_good)
-        return timed, short, int(len(words) - np.count_nonzero(is_own))
+        timed = Timed(device, index, times_ns, group.done_ns, group.values, status, is_good, crept)
+        return timed, short
 
-    def _times(self, device: IntArray, group: Group) -> tuple[IntArray, IntArray]:
-        """Return the running index of every sample, UNKNOWN if it has no time, and its time."""
+    def _times(
+        self, device: IntArray, group: Group
+    ) -> tuple[IntArray, IntArray, NDArray[np.bool_]]:
+        """Return running index, UNKNOWN if it has no time, time, and whether its SYNC has crept."""
         sent_ns, sent_row, values, _, index, t_ns = group
         index = np.where(sent_ns - t_ns > self._latest_ns[device], UNKNOWN, index)
-        if (own := self._echoes[device]).any():
-            counters = np.nan_to_num(values[own, COUNTER]).astype(np.int64)
+        crept = np.zeros(len(device), np.bool_)
+        if self._echoes.any():  # without samples too: rows of SYNCs are those of this batch
+            own = self._echoes[device]
+            counters = _whole(values[own, COUNTER])
             rows = np.maximum(sent_row[own], 0)
             order = np.argsort(rows, kind="stable")
-            matched = self._syncs.match(counters[order], rows[order], sent_ns[own][order])
             places = np.flatnonzero(own)[order]
+            matched = self._syncs.match(counters[order], rows[order], sent_ns[places])
             index[places] = np.where(matched.crept, UNKNOWN, matched.sync)
-            t_ns[places] = matched.stamp_ns
+            t_ns[places], crept[places] = matched.stamp_ns, matched.crept
         bounds = np.searchsorted(device, np.arange(self._count + 1)).tolist()
         for validity, start, stop in zip(self._validity, bounds[:-1], bounds[1:], strict=True):
             if validity is not None and stop > start:
                 found = validity.stamps(sent_ns[start:stop], values[start:stop, TIME])
                 index[start:stop], t_ns[start:stop] = found
-        return index, t_ns - self._late_ns[device]
+        return index, t_ns - self._late_ns[device], crept
 
 
-def timing_of(device: JointConfig | Describable) -> TimingConfig:
-    """Return the timing of a described device."""
-    if device.timing is None:
-        raise ValueError(f"{device.name}: no timing")
-    return device.timing
+def _whole(values: FloatArray) -> IntArray:
+    """Return whole numbers as such; 0 for NaN."""
+    return np.where(np.isnan(values), 0.0, values).astype(np.int64)
 
 
 def _words(timing: TimingConfig) -> list[int]:

@@ -5,7 +5,6 @@ from typing import Any
 
 from fsw.config import BusConfig, Config
 from fsw.drivers.layout.joints import layouts_of
-from fsw.drivers.sources.described_wheels import DescribedWheelSource
 from fsw.drivers.sources.samples import SampleSource, wrench_samples
 from fsw.drivers.sources.thrusters import ThrusterBusSource
 from fsw.drivers.sources.wheels import WheelBusSource, wheel_samples
@@ -14,16 +13,13 @@ DEVICE_SAMPLES: Mapping[str, Callable[[Any], SampleSource]] = {
     "wheels": wheel_samples,
     "wrench_sensors": wrench_samples,
 }  # of samples that another program decoded
-ActuatorSource = WheelBusSource | DescribedWheelSource | ThrusterBusSource
+ActuatorSource = WheelBusSource | ThrusterBusSource
 
 
 def actuator_sources(config: Config, bus: BusConfig) -> list[ActuatorSource]:
     """Return the sources in the order in which they take frames of the bus."""
     wheels = [(i, own) for i, own in enumerate(config.wheels) if own.bus == bus.name]
-    described = layouts_of(config, bus, "wheels")
-    foreign = [(i, own) for i, own in wheels if i in described]
-    wheels = [(i, own) for i, own in wheels if i not in described]
     thrusters = [(i, own) for i, own in enumerate(config.thrusters) if own.bus == bus.name]
-    found: list[ActuatorSource] = [WheelBusSource(bus, wheels)] if wheels else []
-    found += [DescribedWheelSource(bus, foreign, described)] if foreign else []
+    layouts = layouts_of(config, bus, "wheels")
+    found: list[ActuatorSource] = [WheelBusSource(bus, wheels, layouts)] if wheels else []
     return found + ([ThrusterBusSource(bus, thrusters)] if thrusters else [])

@@ -62,19 +62,23 @@ class SyncHistory:
         self.count += 1
         return True
 
-    def note(self, frames: FrameArray) -> int | None:
-        """Accept the SYNCs of a batch; return the stamp of the last one, None without any."""
-        t_ns = None
-        for row in np.flatnonzero(frames["word"] == COB_SYNC).tolist():
-            length, t_ns = int(frames["length"][row]), int(frames["t_ns"][row])
-            self.add(frames["data"][row, :length].tobytes(), t_ns, row)
-        return t_ns
+    def note(self, frames: FrameArray) -> None:
+        """Accept the SYNCs of a batch."""
+        rows = np.flatnonzero(frames["word"] == COB_SYNC)
+        own = frames.take(rows)
+        places, stamps_ns = rows.tolist(), own["t_ns"].tolist()
+        is_plain = bool((own["length"] == 1).all())
+        if not (is_plain and self.follow(own["data"][:, 0].tolist(), stamps_ns, places)):
+            for k, (row, t_ns) in enumerate(zip(places, stamps_ns, strict=True)):
+                self.add(own["data"][k, : own["length"][k]].tobytes(), t_ns, row)
 
     def follow(self, counters: list[int], stamps_ns: list[int], rows: list[int]) -> bool:
         """Accept SYNCs with consecutive counters; else return False and change nothing.
 
         The result is that of `add` called one by one: no SYNC is an echo, and none is missing.
         """
+        if not counters:
+            return True
         before, last = self._last_counter, self._counter_max
         expected = [(before + k) % last + 1 for k in range(len(counters))]
         if not self.count or last < 2 or counters != expected:

@@ -25,8 +25,8 @@ def frames(data: bytes, cuts: tuple[int, ...] = ()) -> tuple[list[bytes], Framer
 
 
 def test_icd_vectors() -> None:
-    assert sagitta.encode_boot() == bytes.fromhex("c0210301019c349a61c0")
-    assert sagitta.encode_request(24) == bytes.fromhex("c0210218ac15e176c0")
+    assert sagitta.encode(bytes((0x21, 3, 1, 1))) == bytes.fromhex("c0210301019c349a61c0")
+    assert sagitta.encode(bytes((0x21, 2, 24))) == bytes.fromhex("c0210218ac15e176c0")
     subscribe = bytes.fromhex("c02100 12181b" + "00" * 14 + "c6b9fe6cc0")
     assert sagitta.encode_subscribe((24, 27)) == subscribe
 

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from fsw.config import Config, WheelConfig
 from fsw.drivers.layout.joints import layouts_of
-from fsw.drivers.sources.described_wheels import DescribedWheelSource
+from fsw.drivers.sources.wheels import WheelBusSource
 from fsw.drivers.wire import CanFrame, frame_array
 from fsw.errors import ConfigError
 from tests.support.driver_configs import bus_config
@@ -48,11 +48,11 @@ def wheel(k: int, **changes: Any) -> dict[str, Any]:
     return settings | {"signals": signals(k), "timing": {"by": "last_sync"}} | changes
 
 
-def made(tmp_path: Path, wheels: list[dict[str, Any]], **bus: Any) -> DescribedWheelSource:
+def made(tmp_path: Path, wheels: list[dict[str, Any]], **bus: Any) -> WheelBusSource:
     own = bus_config(**({"rate_hz": RATE_HZ, "messages": MESSAGES} | bus))
     configs = tuple(WheelConfig.model_validate(one) for one in wheels)
     config = Config.model_construct(buses=(own,), wheels=configs).read_from(b"", tmp_path, "c")
-    return DescribedWheelSource(own, list(enumerate(configs)), layouts_of(config, own, "wheels"))
+    return WheelBusSource(own, list(enumerate(configs)), layouts_of(config, own, "wheels"))
 
 
 def report(k: int, t_ns: int, speed: int, torque: int = 0, flags: int = 1) -> CanFrame:

@@ -34,7 +34,7 @@ def wheel_config(k: int = 0, **changes: object) -> WheelConfig:
 
 def source(**changes: object) -> WheelBusSource:
     wheels = [(k, wheel_config(k, **changes)) for k in range(2)]
-    return WheelBusSource(bus_config(latch_offset_s=1e-5), wheels)
+    return WheelBusSource(bus_config(latch_offset_s=1e-5), wheels, {})
 
 
 def sync(k: int) -> CanFrame:
@@ -109,6 +109,14 @@ def test_only_frames_of_wheels_are_its_own() -> None:
     assert bus.owns(frames).tolist() == [False, True, False, True]
     bus.feed(frames)
     assert bus.status()["wheel2"]["temperature_degc"] == pytest.approx(25.0)
+
+
+def test_a_batch_without_a_report_does_not_disturb_the_next_one() -> None:
+    bus = source()
+    bus.feed(frame_array([sync(0), report(0)]))
+    bus.feed(frame_array([sync(k) for k in range(1, 21)]))
+    samples = bus.feed(frame_array([sync(21), report(21), sync(22), report(22, wheel=1)]))
+    assert samples.t_ns.tolist() == [T0 + 2 * MS * k + 10_000 for k in (21, 22)]
 
 
 @pytest.mark.parametrize(
