@@ -7,19 +7,16 @@ docs/generate.py`; a test compares the two.
 """
 
 import argparse
-import json
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import yaml
 from latex2mathml.converter import convert
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
-from pydantic import TypeAdapter
 
 from fsw.commands.init_devices import offered
 from fsw.drivers.codecs.entries import options_of
@@ -137,77 +134,11 @@ def _tree(
 
 def scenario() -> str:
     """Return the page of every key of a scenario of the bench, from its models."""
-    world = import_module("hil.world.scenario")
-    environment = import_module("hil.world.environment.config").EnvironmentSection
-    sensors = TypeAdapter(import_module("hil.world.sensor_config").SensorConfig)
-    parts = {
-        "": world.Document.model_json_schema(),
-        "sensors": sensors.json_schema(),
-        "flight": world.FlightSection.model_json_schema(),
-        "environment": environment.model_json_schema(),
-    }
-    folder = Path(world.__file__).parent
-    code = "\n".join(path.read_text(encoding="utf-8") for path in sorted(folder.rglob("*.py")))
     lines = []
-    for name, whole in parts.items():
+    for name, keys in import_module("hil.scenario_keys").sections().items():
         title = f"Section `{name}`" if name else "The file"
-        lines += [f"## {title}", "", "| key | values | default | is |", "|---|---|---|---|"]
-        lines += [*_rows(f"{name}." if name else "", whole, whole, code, {}), ""]
+        lines += [f"## {title}", "", *KEYS_HEAD, *(key.row() for key in keys), ""]
     return "\n".join(lines)
-
-
-def _rows(
-    prefix: str,
-    section: Mapping[str, Any],
-    whole: Mapping[str, Any],
-    code: str,
-    shown: dict[str, str],
-) -> Iterator[str]:
-    """Yield a row for each key of a section and of those in it, with the code's own comment.
-
-    `shown` : where each section stands that has rows; it has them once
-    """
-    block = re.search(rf"^class {section['title']}\b.*?(?=^\S|\Z)", code, re.MULTILINE | re.DOTALL)
-    for key, value in section["properties"].items():
-        found = re.search(rf"^    {key}: [^#\n]*# (.*)$", block[0] if block else "", re.MULTILINE)
-        required = key in section.get("required", ())
-        given = "required" if required else f"`{json.dumps(value.get('default'))}`"
-        name = next(iter(re.findall(r'"#/\$defs/(\w+)"', json.dumps(value))), "")
-        kind = f"as `{shown[name]}`" if name in shown else "section"
-        text = re.sub(r"\[\w+\]\(#\w+\)", kind, _values(value))
-        words = found[1].replace("|", "\\|") if found else ""
-        yield f"| `{prefix}{key}` | {text} | {given} | {words} |"
-        if name and name not in shown:
-            shown[name] = f"{prefix}{key}"
-            many = {"array": "[]", "object": ".NAME"}.get(value.get("type", ""), "")
-            yield from _rows(f"{prefix}{key}{many}.", whole["$defs"][name], whole, code, shown)
-
-
-def _values(value: Mapping[str, Any]) -> str:
-    """Return the allowed values of a key in words."""
-    if "$ref" in value:
-        name = value["$ref"].rpartition("/")[2]
-        return f"[{name}](#{name.lower()})"
-    if "anyOf" in value:
-        return " or ".join(_values(option) for option in value["anyOf"])
-    if "enum" in value or "const" in value:
-        return ", ".join(f"`{json.dumps(v)}`" for v in value.get("enum", [value.get("const")]))
-    if "prefixItems" in value:
-        return f"{len(value['prefixItems'])} of: {_values(value['prefixItems'][0])}"
-    kind = value.get("type", "any")
-    inner = value.get("items", value.get("additionalProperties"))
-    if kind in {"array", "object"} and isinstance(inner, dict):
-        return f"{'list of' if kind == 'array' else 'by name:'} {_values(inner)}"
-    words = {
-        "minimum": ">=",
-        "exclusiveMinimum": ">",
-        "maximum": "<=",
-        "exclusiveMaximum": "<",
-        "minLength": "length >=",
-        "pattern": "matching",
-    }
-    bounds = [f"{sign} `{value[key]}`" for key, sign in words.items() if key in value]
-    return " ".join([str(kind), *bounds]).replace("|", "\\|")
 
 
 def dictionary() -> str:

@@ -102,6 +102,9 @@ def parser() -> argparse.ArgumentParser:
     add_own(seeds)
     seeds.set_defaults(command=_seeds)
     commands.add_parser("list", help="list the scenarios").set_defaults(command=_list)
+    schema = commands.add_parser("schema", help="the keys of a scenario, explained")
+    schema.add_argument("part", nargs="?", default="", metavar="KEY", help="a section or key")
+    schema.set_defaults(command=_schema)
     study = commands.add_parser("study", help="studies over many seeds")
     _vcan_parser(commands)
     evidence.add_parsers(commands, study.add_subparsers(required=True, metavar="STUDY"))
@@ -142,6 +145,13 @@ def _vcan_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
     vcan.add_argument("--on", choices=("auto", "kernel", "uml"), default="auto", dest="where")
     vcan.add_argument("argv", nargs="+", metavar="COMMAND", help="and its arguments, after --")
     vcan.set_defaults(function="hil.vcan.command:run")
+
+
+def _schema(arguments: argparse.Namespace) -> int:
+    from hil.scenario_keys import keys_of
+
+    print("\n".join(key.words().rstrip() for key in keys_of(arguments.part)))
+    return 0
 
 
 def _list(_arguments: argparse.Namespace) -> int:

@@ -129,7 +129,7 @@ def test_joints_without_torque_have_none(folder):
     assert {joint.torque for joint in load(folder / "robot.yaml").joints} == {"none"}
 
 
-def test_currents_stand_for_torques_that_are_not_there(folder, capsys):
+def test_currents_stand_for_torques_that_are_not_there(folder):
     t, q, tau = motion()
     currents = {f"current_{j}": tau[:, k] / 5.0 for k, j in enumerate(JOINTS)}
     planned = {f"target_current_{j}": 0.0 * t for j in JOINTS}
