@@ -37,7 +37,7 @@ from fsw.commands.importing.quantities import (
 )
 from fsw.commands.importing.stamps import judged
 from fsw.commands.importing.tables import Parts, Table
-from fsw.commands.importing.usable import usable
+from fsw.commands.importing.usable import UNIT, usable
 from fsw.config import Config
 from fsw.drivers.codecs.imu_datagram import STANDARD_GRAVITY_M_S2
 from fsw.drivers.sources.samples import (
@@ -264,9 +264,15 @@ def _channel(section: _Section, found: Found) -> Channel:
         topic=f"{SAMPLES}{section.name}",
         source=table.path,
         t_ns=t_ns,
-        text="; ".join([text, ", ".join(sizes), *notes, *found.steps(rows, t_ns)]),
+        text="; ".join([text, ", ".join(sizes), *_asked_once([*notes, *found.steps(rows, t_ns)])]),
         write=write,
     )
+
+
+def _asked_once(notes: Sequence[str]) -> list[str]:
+    """Return the notes with the question about the unit behind the last, not behind each."""
+    told = [note.replace(f"; {UNIT}", "") for note in notes]
+    return told if told == list(notes) else [*told, UNIT]
 
 
 def _rows(section: _Section, found: Found, values: FloatArray) -> tuple[np.ndarray, list[str]]:
