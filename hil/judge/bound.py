@@ -15,13 +15,19 @@ a the classical acceleration of the base origin. Total derivatives (w depends on
 The derivatives by q, qd and qdd, and by the angular momentum, follow in the same way: the direct
 derivatives of generalised force and of the momentum H nu stand in place of Y and of Y(q, 0, nu).
 
+What moves the base beside the arm (wheels, thrusters, a rate at the start) enters by the wrench on
+the base and the momentum that it causes, both from the truth; what is not known of them is a state
+with a prior (see `applied`).
+
 Source: Rackl, Lampariello, Albu-Schaeffer (2013), eqs. (2), (22)-(23), (30), differentiated.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from hil.judge.applied import NOTHING, Applied, Doubt
 from hil.judge.floating import FloatingRobot
 from hil.judge.unknown_motion import Encoders, UnknownMotion
 from hil.world.inertia import FloatArray
@@ -56,7 +62,8 @@ class Sensitivity:
     J_gyro: FloatArray  # (3, p)
     J_acc: FloatArray  # (3, p)
     by_motion: FloatArray  # (n + 6, 3 n): d[tau; f; w]/d[q; qd; qdd]
-    by_momentum: FloatArray  # (n + 6, 3): the same by the angular momentum in B [N m s]
+    by_momentum: FloatArray  # (n + 6, 6): the same by the momentum in B [N s, N m s]
+    by_wrench: FloatArray  # (n + 6, 6): the same by the wrench on the base in B [N, N m]
 
 
 def sensitivity(
@@ -66,28 +73,28 @@ def sensitivity(
     q: FloatArray,
     qd: FloatArray,
     qdd: FloatArray,
+    applied: Applied = NOTHING,
 ) -> Sensitivity:
     """Return predictions and exact Jacobians at x (p,) for one joint state (rad, rad/s, rad/s2)."""
     pi, p, n = robot.stacked(x), len(x), robot.n
     H_b = robot.mass_columns(q) @ pi  # (6 + n, 6)
     H_bb, H_mb = H_b[:6], H_b[6:]
-    twist = -robot.give(H_bb, robot.momentum(q, qd) @ pi)
+    twist = robot.give(H_bb, applied.momentum - robot.momentum(q, qd) @ pi)
     rates = np.concatenate((twist, qd))
     still = np.zeros(6 + n)
     momentum_by_x = robot.regressor(q, still, rates)[:6] @ robot.select
     H_by_q, _, H = robot.derivatives(q, still, rates, pi)
-    by_momentum = -np.eye(6)[:, 3:]
-    J_twist = -robot.give(
-        H_bb, np.hstack((momentum_by_x, H_by_q[:6], H[:6, 6:], np.zeros((6, n)), by_momentum))
-    )
+    none, unit = np.zeros((6 + n, 6)), np.eye(6 + n, 6)
+    by_q_qd_qdd = (H_by_q[:6], H[:6, 6:], np.zeros((6, n)))
+    J_twist = -robot.give(H_bb, np.hstack((momentum_by_x, *by_q_qd_qdd, -unit[:6], none[:6])))
     w, J_w = twist[3:], J_twist[3:]
     nu = np.concatenate((np.zeros(3), w, qd))
     held = np.concatenate((robot.support, qdd))
-    a = robot.support - robot.give(H_bb, (robot.regressor(q, nu, held) @ pi)[:6])
+    a = robot.support + robot.give(H_bb, applied.wrench - (robot.regressor(q, nu, held) @ pi)[:6])
     full = np.concatenate((a, qdd))
     Y = robot.regressor(q, nu, full)
     by_q, by_nu, _ = robot.derivatives(q, nu, full, pi)
-    free = np.hstack((Y @ robot.select, by_q, by_nu[:, 6:], H[:, 6:], np.zeros((6 + n, 3))))
+    free = np.hstack((Y @ robot.select, by_q, by_nu[:, 6:], H[:, 6:], none, -unit))
     free += by_nu[:, 3:6] @ J_w
     J_a = -robot.give(H_bb, free[:6])
     J_tau = free[6:] + H_mb @ J_a
@@ -105,7 +112,8 @@ def sensitivity(
         J_gyro=J[n + 3 :, :p],
         J_acc=J[n : n + 3, :p],
         by_motion=J[:, p : p + 3 * n],
-        by_momentum=J[:, p + 3 * n :],
+        by_momentum=J[:, p + 3 * n : p + 3 * n + 6],
+        by_wrench=J[:, p + 3 * n + 6 :],
     )
 
 
@@ -129,6 +137,8 @@ class Summed:
     ----------
     motion : true (q, qd, qdd)
     R_NB : (k, 3, 3) attitude of the base, needed for a momentum only; None: constant
+    applied : (k,) what acts on the base; None: nothing
+    doubts : what is not known of it
     encoders : what shows the joints' motion; None: it is known exactly
     """
 
@@ -141,9 +151,12 @@ class Summed:
         rate_hz: float,
         R_NB: FloatArray | None = None,
         encoders: Encoders | None = None,
+        applied: Sequence[Applied] | None = None,
+        doubts: Sequence[Doubt] = (),
     ) -> None:
         n, p = robot.n, x.size
-        self._p, self._prior = p, _prior_sigmas(sensors)
+        sigmas = np.array([doubt.sigma for doubt in doubts])
+        self._p, self._prior = p, np.concatenate((_prior_sigmas(sensors), sigmas))
         size = p + self._prior.size
         of_imu = sensors.imu_rate_hz / rate_hz
         weights = np.concatenate(
@@ -157,13 +170,16 @@ class Summed:
         self._total = np.zeros((size, size))
         count = len(motion[0])
         self._motion = None if encoders is None else UnknownMotion(encoders, count, rate_hz, size)
-        for k, state in enumerate(zip(*motion, strict=True)):
+        on_base = [NOTHING] * count if applied is None else applied
+        for k, state in enumerate(zip(*motion, on_base, strict=True)):
             s = sensitivity(robot, sensors, x, *state)
             A = np.zeros((n + 6, size))
             A[:, :p] = np.vstack((s.J_tau, s.J_acc, s.J_gyro))
             A[:, p : p + n + 6] = np.eye(n + 6)
             A[:n, p + n + 6 : p + 2 * n + 6] = np.diag(s.tau_nm)
-            A[:, p + 2 * n + 6 :] = s.by_momentum @ attitudes[k].T
+            A[:, p + 2 * n + 6 : p + 2 * n + 9] = s.by_momentum[:, 3:] @ attitudes[k].T
+            for place, doubt in enumerate(doubts, p + 2 * n + 9):
+                A[:, place] = s.by_wrench @ doubt.wrench[k] + s.by_momentum @ doubt.momentum[k]
             self._total += A.T @ (weights[:, None] * A)
             if self._motion is not None:
                 self._motion.add(k, A, s.by_motion, weights)

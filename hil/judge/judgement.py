@@ -14,6 +14,7 @@ from fsw.commands.report.view import Section
 from fsw.drivers.sources import ImuSource
 from fsw.estimators.recursive.online import build_online
 from fsw.messages import Block
+from hil.judge.applied import applied_in, doubts_of
 from hil.judge.bound import sensitivity
 from hil.judge.endeffector import Verification
 from hil.judge.floating import FloatingRobot
@@ -48,6 +49,7 @@ def make_case(setup: Setup) -> Case:
         scenario.truth,
         setup.priors,
         state,
+        doubts_of(scenario.wheels, scenario.thrusters, setup.history, state),
     )
     return Case(
         unknown=scenario.unknown,
@@ -193,8 +195,11 @@ def torque_residuals(setup: Setup, case: Case, recorded: Recorded) -> Residuals:
     for block in recorded.blocks:
         times.append(np.asarray((block.t_ns - recorded.origin_ns) * 1e-9, dtype=np.float64))
         states = zip(block.q_rad, block.qd_rad_s, block.qdd_rad_s2, strict=True)
+        at_s = np.clip(times[-1], setup.history.start_s, setup.history.end_s)
+        applied = applied_in(case.robot, case.x_truth, setup.history.at(at_s))
         predicted = [
-            sensitivity(case.robot, sensors, recorded.final.x, *state).tau_nm for state in states
+            sensitivity(case.robot, sensors, recorded.final.x, *state, on_base).tau_nm
+            for state, on_base in zip(states, applied, strict=True)
         ]
         rows_nm.append(block.tau_nm - np.array(predicted) - offsets)
     return Residuals(t_s=np.concatenate(times), torque_nm=np.concatenate(rows_nm))

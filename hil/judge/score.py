@@ -8,6 +8,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from hil.judge import chi_square
+from hil.judge.applied import Doubt, applied_in
 from hil.judge.bound import Sensors, Summed
 from hil.judge.endeffector import ToolError, Verification
 from hil.judge.floating import FloatingRobot
@@ -104,13 +105,16 @@ def both_bounds(
     truth: Mapping[str, FloatArray],
     priors: Mapping[str, Prior],
     state: TruthState,
+    doubts: Sequence[Doubt] = (),
 ) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
     """Return `bound_sigmas` for a motion known exactly, and for one that encoders show.
 
-    `state` is the truth of the run sampled at BOUND_RATE_HZ.
+    `state` is the truth of the run sampled at BOUND_RATE_HZ, `doubts` what is not known of what
+    moves its base.
     """
     x, motion = stacked(truth, list(priors)), (state.q, state.qd, state.qdd)
-    summed = Summed(robot, sensors, x, motion, BOUND_RATE_HZ, state.R_NB, encoders)
+    applied = applied_in(robot, x, state)
+    summed = Summed(robot, sensors, x, motion, BOUND_RATE_HZ, state.R_NB, encoders, applied, doubts)
     exact, shown = summed.information(), summed.information(motion_known=False)
     return _sigmas(exact, x, priors), _sigmas(shown, x, priors)
 

@@ -72,11 +72,15 @@ class ThrusterSystem:
 
     def wrench(self, t_s: float) -> FloatArray:
         """Return force [N] and moment about the base's origin [N m] (6,) in base axes."""
+        return np.asarray(self.ways @ self.shares(t_s))
+
+    def shares(self, t_s: float) -> FloatArray:
+        """Return each jet's share (K,) of its full force."""
         owner, at_s, sign = self._edges
         since = np.maximum(t_s - at_s - self.delay_s, 0.0)
         share = np.zeros(len(self.jets))
         np.add.at(share, owner, sign * (1.0 - np.exp(-since / self.rise_s)))
-        return np.asarray(self.ways @ share)
+        return share
 
     def valves_at(self, t_s: float) -> tuple[list[bool], float | None, int]:
         """Return the open valves, age [s] of the last change (None: no change) and change count."""

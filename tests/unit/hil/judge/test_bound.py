@@ -4,6 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from hil.judge.applied import NOTHING, Applied
 from hil.judge.bound import Sensors, information, sensitivity
 
 SENSORS = Sensors(
@@ -18,6 +19,13 @@ SENSORS = Sensors(
     p_BS_m=np.array([0.2, -0.1, 0.3]),
     R_BS=pin.exp3(np.array([0.2, 0.5, -0.4])),
 )
+
+
+FIRING = Applied(
+    wrench=np.array([20.0, -5.0, 8.0, 3.0, -12.0, 6.0]),
+    momentum=np.array([4.0, 9.0, -6.0, 2.0, -3.0, 7.0]),
+)
+on_base = pytest.mark.parametrize("applied", [NOTHING, FIRING], ids=["alone", "fired"])
 
 
 def readings(s):
@@ -38,26 +46,28 @@ def stacked(s):
     return np.concatenate((s.tau_nm, s.w_NS_S_rad_s, s.f_NS_S_m_s2))
 
 
-def test_jacobians_match_central_differences(small_robot, truth, state):
+@on_base
+def test_jacobians_match_central_differences(small_robot, truth, state, applied):
     robot = small_robot("base", "target")
-    s = sensitivity(robot, SENSORS, truth, *state)
+    s = sensitivity(robot, SENSORS, truth, *state, applied)
     columns = []
     for unit in np.eye(20):
         step = 1e-4
-        up = stacked(sensitivity(robot, SENSORS, truth + step * unit, *state))
-        down = stacked(sensitivity(robot, SENSORS, truth - step * unit, *state))
+        up = stacked(sensitivity(robot, SENSORS, truth + step * unit, *state, applied))
+        down = stacked(sensitivity(robot, SENSORS, truth - step * unit, *state, applied))
         columns.append((up - down) / (2 * step))
     J = np.concatenate((s.J_tau, s.J_gyro, s.J_acc))
     np.testing.assert_allclose(J, np.stack(columns, 1), atol=1e-8, rtol=1e-6)
 
 
-def test_derivatives_by_motion_match_central_differences(small_robot, truth, state):
+@on_base
+def test_derivatives_by_motion_match_central_differences(small_robot, truth, state, applied):
     robot = small_robot("base", "target")
-    s = sensitivity(robot, SENSORS, truth, *state)
+    s = sensitivity(robot, SENSORS, truth, *state, applied)
     motion, columns, step = np.concatenate(state), [], 1e-5
     for unit in np.eye(9):
         up, down = (
-            sensitivity(robot, SENSORS, truth, *np.split(motion + way * step * unit, 3))
+            sensitivity(robot, SENSORS, truth, *np.split(motion + way * step * unit, 3), applied)
             for way in (1.0, -1.0)
         )
         columns.append((readings(up) - readings(down)) / (2 * step))
@@ -70,12 +80,13 @@ def test_momentum_turns_the_whole_as_a_rigid_body(small_robot, truth, state):
     s = sensitivity(robot, SENSORS, truth, *state)
     H_bb = (robot.mass_columns(state[0]) @ robot.stacked(truth))[:6]
     rate = np.linalg.solve(H_bb, np.eye(6)[:, 3:])[3:]
-    np.testing.assert_allclose(s.by_momentum[6:], SENSORS.R_BS.T @ rate, rtol=1e-9)
+    np.testing.assert_allclose(s.by_momentum[6:, 3:], SENSORS.R_BS.T @ rate, rtol=1e-9)
 
 
-def test_predictions_match_forward_dynamics_with_a_moving_base(small_robot, truth, state):
+@on_base
+def test_predictions_match_forward_dynamics_with_a_moving_base(small_robot, truth, state, applied):
     robot = small_robot("base", "target")
-    s = sensitivity(robot, SENSORS, truth, *state)
+    s = sensitivity(robot, SENSORS, truth, *state, applied)
     pi = robot.stacked(truth)
     model = robot.model.copy()
     for joint in range(1, model.njoints):
@@ -85,9 +96,9 @@ def test_predictions_match_forward_dynamics_with_a_moving_base(small_robot, trut
     q[7:] = state[0]
     H = pin.crba(model, data, q)
     H = np.triu(H) + np.triu(H, 1).T
-    twist = -np.linalg.solve(H[:6, :6], H[:6, 6:] @ state[1])
+    twist = np.linalg.solve(H[:6, :6], applied.momentum - H[:6, 6:] @ state[1])
     nu = np.concatenate((twist, state[1]))  # the true, non-zero base velocity
-    force = np.concatenate((np.zeros(6), s.tau_nm))
+    force = np.concatenate((applied.wrench, s.tau_nm))
     a = pin.aba(model, data, q, nu, force)
     np.testing.assert_allclose(a[6:], state[2], atol=1e-9)
     r, R = SENSORS.p_BS_m, SENSORS.R_BS
