@@ -32,6 +32,7 @@ from fsw.exchange.recording_parts import contents_of, parts_of
 from fsw.exchange.sinks import IMU, STAR_TRACKER, Fanout, Sink
 
 FEW_BLOCKS = 3
+NOTHING = 1e-16  # squared residuals over noise below which no channel has a residual
 ALL_FITS = "signs, order of joints, mounting of the inertial unit"
 
 
@@ -91,7 +92,8 @@ def check_recording(
     lines += [f"doubtful: {text}" for text in filter(None, [verdict.doubtful])]
     lines += exact_risks(trial)
     lines.append(_residual_words(verdict, config))
-    return lines, not (wrong or ranged or found.wrong or turned or told or verdict.before > LARGE)
+    is_told = NOTHING <= verdict.before <= LARGE
+    return lines, is_told and not (wrong or ranged or found.wrong or turned or told)
 
 
 def contradictions(
@@ -174,6 +176,8 @@ def _residual_words(verdict: Verdict, config: Config) -> str:
     after = f"{verdict.after**0.5:.3g} times"
     if verdict.before <= LARGE:
         fits = "signs, order of joints" if verdict.mounting else ALL_FITS
+        if verdict.before < NOTHING:
+            return f"{WRONG}{fits}: not judged; no torque, rate or specific force is used"
         return f"{fits}: fit ({level})"
     if verdict.found:
         return f"{level}, {after} with these changes"
