@@ -198,18 +198,6 @@ def _momentum(
     return times(R_BN, L_N), R_BN @ J, after
 
 
-def fused_rows(
-    block: Block,
-    x: FloatArray,
-    problem: Problem,
-    channels: tuple[str, ...] = CHANNELS,
-    rate: Rate = "momentum",
-    before: Impulse | None = None,
-) -> Rows:
-    """Return `stacked_fused_rows` of one block."""
-    return stacked_fused_rows(BlockStack((block,)), x, problem, channels, rate, before)[0]
-
-
 def stacked_fused_rows(
     s: BlockStack,
     x: FloatArray,

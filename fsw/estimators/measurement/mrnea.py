@@ -130,7 +130,7 @@ def stacked_mrnea_rows(
     Y = _regressors(s, w, s.qd_rad_s, acceleration, problem, G)
     r = y - Y @ pi
     H = model.mass_matrices(s.q_rad)
-    C = model.bias_derivatives(s.q_rad, w, s.qd_rad_s, acceleration)
+    C, _ = model.forces_and_derivatives(s.q_rad, w, s.qd_rad_s, acceleration)
     C[:, 6:, 6:] += more.by_rate[:, :, None] * np.eye(n)
     H[:, 6:, 6:] += more.by_acceleration[:, :, None] * np.eye(n)
     outside = external_force(s, x, problem) if pulled(problem) else None

@@ -237,13 +237,6 @@ class RobotModel:
         Y: FloatArray = self.regressors(q[None], w[None], qd[None], a[None])[0]
         return Y
 
-    def generalised_force(
-        self, q: FloatArray, w: FloatArray, qd: FloatArray, a: FloatArray
-    ) -> FloatArray:
-        """Return Y pi (R,) with Y of `regressor` and pi of `set_parameters`."""
-        force: FloatArray = self.forces_and_derivatives(q[None], w[None], qd[None], a[None])[1][0]
-        return force
-
     def momentum_regressor(self, q: FloatArray, nu: FloatArray) -> FloatArray:
         """Return Y(q, 0, nu) (R, 10 K) with H nu = Y pi; base rows: the momentum."""
         Y: FloatArray = self.momentum_regressors(q[None], nu[None])[0]
@@ -253,13 +246,6 @@ class RobotModel:
         """Return H(q) (R, 6+n) with pi of `set_parameters`; full, symmetric without sensors."""
         H: FloatArray = self.mass_matrices(q[None])[0]
         return H
-
-    def bias_derivative(
-        self, q: FloatArray, w: FloatArray, qd: FloatArray, a: FloatArray
-    ) -> FloatArray:
-        """Return d(generalised force)/d nu at fixed acceleration, (R, 6+n)."""
-        derivative: FloatArray = self.bias_derivatives(q[None], w[None], qd[None], a[None])[0]
-        return derivative
 
     def angle_derivatives(
         self, q: FloatArray, w: FloatArray, qd: FloatArray, a: FloatArray
@@ -310,16 +296,13 @@ class RobotModel:
         out[:, rows, columns] = out[:, columns, rows]  # crba fills the upper triangle
         return self._by_motion(out)
 
-    def bias_derivatives(
-        self, q: FloatArray, w: FloatArray, qd: FloatArray, a: FloatArray
-    ) -> FloatArray:
-        """Return `bias_derivative` at N states, (N, R, 6+n)."""
-        return self.forces_and_derivatives(q, w, qd, a)[0]
-
     def forces_and_derivatives(
         self, q: FloatArray, w: FloatArray, qd: FloatArray, a: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return `bias_derivative` and `generalised_force` at N states, in one recursion each."""
+        """Return d(Y pi)/d nu at fixed acceleration (N, R, 6+n), and Y pi (N, R), at N states.
+
+        Y is that of `regressor`, pi that of `set_parameters`; one recursion for each state.
+        """
         Q, V = self._states(q, w, qd)
         A, out, forces = self._motions(a), np.empty((len(q), *self.data.dtau_dv.shape)), V.copy()
         model, data, evaluate = self.model, self.data, pin.computeRNEADerivatives

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from fsw.config import Config
-from fsw.estimators.measurement.fused import fused_rows
+from fsw.estimators.measurement.block_stack import BlockStack
+from fsw.estimators.measurement.fused import stacked_fused_rows
 from fsw.estimators.measurement.impulse import needed
 from fsw.estimators.measurement.prediction import Rate
 from fsw.estimators.model.building import build_problem, robot_of
@@ -56,7 +57,8 @@ class TorqueResiduals:
         by_gyro = estimate.method.lower() in OF_MEASURED_RATE or needed(problem)
         rate: Rate = "measured" if by_gyro and block.has_gyro else "momentum"
         try:
-            rows = fused_rows(block, estimate.mean, problem, ("torque",), rate)
+            stack = BlockStack((block,))
+            (rows,) = stacked_fused_rows(stack, estimate.mean, problem, ("torque",), rate)
         except np.linalg.LinAlgError:
             return []
         if rows.root is None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from fsw.estimators.measurement.fused import fused_rows, predict
+from fsw.estimators.measurement.fused import predict
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.polynomial import NodeFit, gauss_nodes
 from fsw.messages import Block, FloatArray
@@ -21,6 +21,7 @@ from tests.support.estimator_cases import (
     parameters,
     random_block,
 )
+from tests.support.one_block import fused_rows
 
 ANGLE_RAD, TORQUE_NM, RATE_RAD_S, ACC_M_S2 = 3e-3, 3e-3, 3e-3, 3e-3
 LONG_S, LONG_NODES = 3.0, 6  # window: rates of such angles want one

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fsw.config import Config
-from fsw.estimators.measurement.fused import fused_rows, predict
+from fsw.estimators.measurement.fused import predict
 from fsw.estimators.model.inertia import PARAMETERS
 from fsw.excitation.kernel import build_kernel
 from fsw.excitation.subject import build_subject
@@ -14,6 +14,7 @@ from fsw.messages import Block
 from hil.evidence.excitation import cases
 from tests.support.estimator_cases import TWO_ARMS
 from tests.support.excitation_cases import SYSTEMS, subject
+from tests.support.one_block import fused_rows
 from tests.support.sliding import sliding_config
 
 NODES = 4

@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from fsw.estimators.measurement.fused import fused_rows, predict
+from fsw.estimators.measurement.fused import predict
 from fsw.estimators.measurement.prediction import CHANNELS
 from fsw.estimators.model.inertia import from_parameters
 from fsw.estimators.model.problem import Problem
@@ -23,6 +23,7 @@ from tests.support.estimator_cases import (
     random_block,
     true_block,
 )
+from tests.support.one_block import fused_rows
 from tests.support.slopes import assert_state_slopes
 
 RATES = ("momentum", "measured")

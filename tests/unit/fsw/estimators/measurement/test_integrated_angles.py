@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fsw.estimators.measurement.fused import fused_rows, predict
+from fsw.estimators.measurement.fused import predict
 from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.model.walks import STEPS
 from fsw.messages import Block
 from tests.support.estimator_cases import NODES, N, random_block, robot_model
-from tests.support.one_block import mrnea_rows
+from tests.support.one_block import fused_rows, mrnea_rows
 from tests.support.speed_cases import TURNING, speed_config
 
 

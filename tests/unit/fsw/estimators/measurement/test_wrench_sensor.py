@@ -8,7 +8,7 @@ import pytest
 
 from fsw.errors import ConfigError
 from fsw.estimators.batch.run import run_batch
-from fsw.estimators.measurement.fused import fused_rows, predict
+from fsw.estimators.measurement.fused import predict
 from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.model.wrench_sensor import WrenchSensor
 from tests.support.estimator_cases import (
@@ -20,6 +20,7 @@ from tests.support.estimator_cases import (
     true_blocks_cached,
     wrong,
 )
+from tests.support.one_block import fused_rows
 from tests.support.wrench_cases import (
     GRAVITY,
     PLACE,

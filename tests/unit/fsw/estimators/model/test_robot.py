@@ -65,7 +65,7 @@ def test_mass_matrix_is_full_symmetric_and_the_regressors(model: RobotModel, see
 def test_bias_derivative_is_the_derivative_of_the_force(model: RobotModel) -> None:
     _, own = loaded(model)
     q, w, qd, a = motion(model, 4)
-    C = model.bias_derivative(q, w, qd, a).copy()
+    C = model.forces_and_derivatives(q[None], w[None], qd[None], a[None])[0][0].copy()
     full = np.concatenate([pin.neutral(own)[:7], q])
     v = np.concatenate([np.zeros(3), w, qd])
     data = own.createData()
@@ -144,7 +144,8 @@ def test_a_continuous_joint_moves_as_a_revolute_one(tmp_path: Path) -> None:
         rng = np.random.default_rng(0)
         q, qd, w, a = (rng.normal(size=size) for size in (3, 3, 3, 9))
         model.set_parameters(model.pi_links)
-        forces.append(model.generalised_force(7.0 + q, w, qd, a))
+        states = 7.0 + q[None], w[None], qd[None], a[None]
+        forces.append(model.forces_and_derivatives(*states)[1][0])
     np.testing.assert_array_equal(*forces)
 
 

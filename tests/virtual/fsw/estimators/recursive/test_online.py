@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from fsw.estimators.measurement.fused import fused_rows
 from fsw.estimators.measurement.impulse import Impulse
 from fsw.estimators.measurement.mrnea import Rows
 from fsw.estimators.model.building import build_problem
@@ -28,7 +27,7 @@ from tests.support.estimator_cases import (
     robot_model,
     true_blocks_cached,
 )
-from tests.support.one_block import mrnea_rows
+from tests.support.one_block import fused_rows, mrnea_rows
 from tests.support.starts import CASES, config_of, truth_of
 
 BATCH_BOUNDS = {"base": 0.05, "target": 0.05, "both": 0.2}  # whitened rms
