@@ -1,7 +1,7 @@
 """Types of command-line options, and the call of a command's function."""
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib import import_module
 from pathlib import Path
 
@@ -24,6 +24,24 @@ def count_or_none(text: str) -> int:
     if not (text.isascii() and text.isdecimal()):
         raise argparse.ArgumentTypeError(f"{text}: must be a whole number of at least 0")
     return int(text)
+
+
+def add_several(
+    parser: argparse.ArgumentParser,
+    flag: str,
+    choices: Sequence[str],
+    words: str,
+    dest: str | None = None,
+) -> None:
+    """Add an option that may be repeated; without it the list is empty."""
+    parser.add_argument(
+        flag,
+        dest=dest,
+        action="append",
+        default=[],
+        choices=choices,
+        help=f"{words}; may be repeated",
+    )
 
 
 def add_resumable(parser: argparse.ArgumentParser, kept: str) -> None:

@@ -2,7 +2,7 @@
 
 import argparse
 
-from hil.options import add_seeds
+from hil.options import add_seeds, add_several
 
 COMMAND = "calibration"
 HELP = "fsw calibrate against wrong sensors"
@@ -12,11 +12,6 @@ FUNCTION = "hil.evidence.calibration.command:run"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's options."""
-    parser.add_argument(
-        "--scenario",
-        action="append",
-        default=[],
-        choices=("target_leo", "table_target", "bench_target"),
-        help="this one; may be repeated",
-    )
+    scenarios = ("target_leo", "table_target", "bench_target")
+    add_several(parser, "--scenario", scenarios, "this one")
     add_seeds(parser, 20, "object")

@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from hil.options import count, seed
+from hil.options import add_several, count, seed
 
 COMMAND = "faults"
 HELP = "every fault in a run of its own, against bounds"
@@ -16,15 +16,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--only", action="append", default=[], metavar="NAME", help="this fault; may be repeated"
     )
-    parser.add_argument(
-        "--lane",
-        dest="lanes",
-        action="append",
-        default=[],
-        choices=("virtual", "machine", "socketcan", "disk"),
-        help="in virtual time, of the machine, on a real bus; may be repeated; all of these. disk: "
-        "alone, 200 bad disks",
+    words = (
+        "in virtual time, of the machine, on a real bus: all of these; disk: alone, 200 bad disks"
     )
+    lanes = ("virtual", "machine", "socketcan", "disk")
+    add_several(parser, "--lane", lanes, words, dest="lanes")
     parser.add_argument("--seed", type=seed, default=1, metavar="N", help="fixes every bit, 1")
     parser.add_argument("--jobs", type=count, default=2, metavar="N", help="processes, 2")
     parser.add_argument("--short", action="store_true", help="the selection that the tests run")

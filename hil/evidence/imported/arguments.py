@@ -2,7 +2,7 @@
 
 import argparse
 
-from hil.options import add_seeds
+from hil.options import add_seeds, add_several
 
 COMMAND = "imported"
 HELP = "tables of an arm: motion, poses, a wrist"
@@ -12,11 +12,5 @@ FUNCTION = "hil.evidence.imported.command:run"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's options."""
-    parser.add_argument(
-        "--motion",
-        action="append",
-        default=[],
-        choices=("moving", "poses"),
-        help="this one; may be repeated",
-    )
+    add_several(parser, "--motion", ("moving", "poses"), "this one")
     add_seeds(parser, 10, "list")

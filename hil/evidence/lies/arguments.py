@@ -2,7 +2,7 @@
 
 import argparse
 
-from hil.options import add_drawn, add_resumable, count
+from hil.options import add_drawn, add_resumable, add_several, count
 
 SENSORS = ("torque", "encoder", "gyro", "accelerometer", "tracker")
 KINDS = ("gain", "zero", "drift", "delay")
@@ -17,13 +17,8 @@ FUNCTION = "hil.evidence.lies.command:run"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's options."""
-    parser.add_argument(
-        "--only",
-        action="append",
-        default=[],
-        choices=(*SENSORS, *KINDS, EXACT, DEFAULT),
-        help="lies of this sensor, kind or doubt; may be repeated",
-    )
+    every = (*SENSORS, *KINDS, EXACT, DEFAULT)
+    add_several(parser, "--only", every, "lies of this sensor, kind or doubt")
     parser.add_argument(
         "--every", type=count, default=1, metavar="N", help="one of N lies, evenly chosen; all 200"
     )

@@ -2,7 +2,7 @@
 
 import argparse
 
-from hil.options import add_seeds
+from hil.options import add_seeds, add_several
 
 COMMAND = "rough"
 HELP = "friction, wrong links, coloured noise: honest?"
@@ -12,19 +12,11 @@ FUNCTION = "hil.evidence.rough.command:run"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's options."""
-    parser.add_argument(
-        "--case",
-        action="append",
-        default=[],
-        choices=("target", "base", "both"),
-        help="what is unknown; may be repeated",
+    add_several(parser, "--case", ("target", "base", "both"), "what is unknown")
+    words = (
+        "rough world declared or undeclared; ideal one, declared as exact, with the terms of the "
+        "rough one, with default uncertainties"
     )
-    parser.add_argument(
-        "--told",
-        action="append",
-        default=[],
-        choices=("declared", "undeclared", "exact", "terms", "defaults"),
-        help="rough world declared or undeclared; ideal one, declared as exact, with the terms of"
-        " the rough one, with default uncertainties; may be repeated",
-    )
+    told = ("declared", "undeclared", "exact", "terms", "defaults")
+    add_several(parser, "--told", told, words)
     add_seeds(parser, 50, "list")

@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from hil.options import count
+from hil.options import add_several, count
 
 COMMAND = "bench"
 HELP = "the whole daemon in real time, alone and loaded"
@@ -18,13 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--rounds", type=count, default=5, metavar="N", help="of every condition, 5"
     )
     parser.add_argument("--seconds", type=float, default=30.0, metavar="S", help="of a run, 30")
-    parser.add_argument(
-        "--only",
-        action="append",
-        default=[],
-        choices=("alone", "hog", "batch", "clients"),
-        help="this condition; may be repeated",
-    )
+    add_several(parser, "--only", ("alone", "hog", "batch", "clients"), "this condition")
     parser.add_argument(
         "--bus",
         choices=("udp_multicast", "udp_frames"),
