@@ -193,6 +193,8 @@ def joint_lines(
             if "CHECK" not in position_noise:
                 own["position_noise_m"] += "  # CHECK"
         wires = [f"bus: {bus_name(k // each)}", f"node_id: 0x{nodes[k]:02x}  # CHECK"]
+        if found is not None and found.is_table:
+            wires[1] = "driver: samples"
         if found is not None and found.wires is not None:
             wires = [f"bus: {word(found.wires.name)}", *found.wires.joints[k]]
         lines += [

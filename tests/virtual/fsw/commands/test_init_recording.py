@@ -137,6 +137,7 @@ def test_currents_stand_for_torques_that_are_not_there(folder):
     recording = table(folder / "arm.csv", angles | planned | currents)
     assert initialised(folder, recording) == 0
     assert {own.torque for own in load(folder / "robot.yaml").joints} == {"motor_current"}
+    assert "node_id" not in (folder / "robot.yaml").read_text(), "a table has no nodes"
     path = folder / "robot.map.yaml"
     (line,) = (own for own in path.read_text().splitlines() if own.startswith("  torque:"))
     assert "scale: [1.0, 1.0, 1.0]}  # CHECK N m per A at the joint, gear included" in line
