@@ -117,6 +117,7 @@ def wirings() -> Mapping[str, Mistake]:
     """Return the mistakes in the description of the joints' frames; the first one has none."""
     too = ("angle is 57.3 times too",)
     torque = ("joints.1.signals.torque", "torque_limit_nm")
+    reversed_ = ("its torque alone counts the other way",)
     rows: Mapping[str, tuple[Change, tuple[str, ...]]] = {
         NONE_WIRED: (lambda _: None, ()),
         "described: joint 2 in deg read as rad": (_signal("angle", unit="rad"), too),
@@ -138,6 +139,11 @@ def wirings() -> Mapping[str, Mistake]:
             _signal("torque", number="unsigned"),
             ("as a signed number",),
         ),
+        "described: torque 2 counts the other way": (_signal("torque", scale=-1e-2), reversed_),
+        "described: torques 3 and 4 swapped": (
+            _torques_swapped,
+            ("their torques are exchanged",),
+        ),
         "described: joints 3 and 4 swapped": (
             _messages_swapped,
             ("joints.2.signals and joints.3.signals",),
@@ -151,6 +157,11 @@ def wirings() -> Mapping[str, Mistake]:
         ),
         "described: values of the period before": Mistake(
             wired=as_it_is, readings=_period_before, words=("one period of bus", "imu: its clock")
+        ),
+        "described: torques of the period before": Mistake(
+            wired=as_it_is,
+            readings=_torques_before,
+            words=("stamps of torques and positions",),
         ),
     }
 
@@ -170,6 +181,11 @@ def _messages_swapped(document: Document) -> None:
     document["joints"][2]["signals"], document["joints"][3]["signals"] = other, one
 
 
+def _torques_swapped(document: Document) -> None:
+    one, other = (document["joints"][k]["signals"] for k in (2, 3))
+    one["torque"], other["torque"] = other["torque"], one["torque"]
+
+
 def _of_motor(readings: Readings) -> Readings:
     """Return the readings with friction and rotor inertia in the torques."""
     speed = np.gradient(readings.position, readings.t_joint_s, axis=0)
@@ -181,11 +197,13 @@ def _of_motor(readings: Readings) -> Readings:
 
 def _period_before(readings: Readings) -> Readings:
     """Return the readings with the joints' values of one sample earlier."""
-    late = {
-        name: np.concatenate([own[:1], own[:-1]])
-        for name, own in (("position", readings.position), ("torque", readings.torque))
-    }
-    return replace(readings, **late)
+    before = _torques_before(readings)
+    return replace(before, position=np.concatenate([readings.position[:1], readings.position[:-1]]))
+
+
+def _torques_before(readings: Readings) -> Readings:
+    """Return the readings with the torques of one sample earlier."""
+    return replace(readings, torque=np.concatenate([readings.torque[:1], readings.torque[:-1]]))
 
 
 def wrong(name: str, document: Mapping[str, Any], urdf: str) -> tuple[Document, str]:
