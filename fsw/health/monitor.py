@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any, Protocol
 
 from fsw.config import Config
+from fsw.health.censored import CensoredTorques
 from fsw.health.incidents import LOOP, Incidents
 from fsw.health.rotation import RotationMonitor
 from fsw.health.stuck import StuckScreen
@@ -38,6 +39,7 @@ class Health:
         self._incidents = Incidents(recover_ns, bus_of, window_ns)
         self._stuck = StuckScreen(config, torque_steps_nm) if settings.stuck else None
         self._rotation = RotationMonitor(config)
+        self._censored = CensoredTorques(config)
         self._slip_ticks = max(1, round(SLIP_WINDOW_S * config.scheduler.tick_rate_hz))
         self._slip_limit = max(1, round(settings.slip_ratio * self._slip_ticks))
         self._slip_start = (0, 0)  # tick index, slips
@@ -72,8 +74,9 @@ class Health:
 
     def judge(self, window: Window) -> Window:
         """Return the window with implausible channels marked missing; keep the findings."""
-        window, findings = self._rotation.judge(window)
-        self._waiting += findings
+        for judge in (self._rotation.judge, self._censored.judge):
+            window, findings = judge(window)
+            self._waiting += findings
         return window
 
     def tick(self, index: int, slips: int, now_ns: int) -> None:
