@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from fsw.commands.replay import replay
 from fsw.commands.report.collect import State, state_of
@@ -33,6 +32,7 @@ from hil.run import live
 from hil.run.collector import Collector
 from hil.run.daemon import Daemon
 from hil.run.flight import FLIGHT, flight_document, write_flight, write_yaml
+from hil.run.motions import motion, motion_of
 from hil.run.own_flight import exact_result, own_document, own_priors
 from hil.run.plant_document import plant_document
 from hil.run.progress import Meter
@@ -42,8 +42,7 @@ from hil.world.robot import Robot, body_of
 from hil.world.scenario import Scenario, ScenarioError
 from hil.world.sensor_config import SensorConfig
 from hil.world.simulation import simulate_in
-from hil.world.spline import JointSpline, Motion
-from hil.world.sudden import SuddenMotion
+from hil.world.spline import Motion
 
 T0_NS = 10_000_000_000  # virtual time of power-on
 RECORDING = "recording.mcap"  # of a run in virtual time
@@ -94,31 +93,6 @@ class Recorded:
     exact: Result | None = None  # of the configuration `exact` on the same data
 
 
-def _motion(key: str, path: Path, robot: Robot) -> JointSpline:
-    """Return a scenario's motion. Raises ScenarioError if it is invalid or has other joints."""
-    try:
-        spline = JointSpline.load(path)
-    except (TypeError, ValueError, yaml.YAMLError) as error:
-        words = " ".join(str(error).split())
-        raise ScenarioError(f"trajectories.{key}: {path}: {words}") from error
-    if spline.n != robot.n:
-        raise ScenarioError(
-            f"trajectories.{key}: {path}: a motion of {spline.n} joints; the robot has {robot.n}"
-        )
-    return spline
-
-
-def motion_of(scenario: Scenario, robot: Robot) -> Motion:
-    """Return the identification motion, with what is sudden in it.
-
-    Raises
-    ------
-    ScenarioError if it is invalid or has other joints than the robot.
-    """
-    planned = _motion("identification", scenario.identification, robot)
-    return planned if scenario.sudden is None else SuddenMotion(planned, scenario.sudden)
-
-
 def prepare(
     scenario: Scenario,
     seed: int,
@@ -151,7 +125,7 @@ def prepare(
         raise ScenarioError("faults: a scenario's own need virtual time: add --fast")
     robot = robot_of(scenario)
     spline = motion_of(scenario, robot)
-    _motion("verification", scenario.verification, robot)
+    motion("verification", scenario.verification, robot)
     if own is None:
         priors = {body: draw_prior(scenario.truth[body], seed, body) for body in scenario.unknown}
     else:

@@ -5,8 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from hil.run.bench import motion_of, robot_of
+from hil.run.bench import robot_of
 from hil.run.flight import flight_document, write_flight
+from hil.run.motions import motion_of
 from hil.world.prior import draw_prior
 from hil.world.scenario import Scenario
 

@@ -6,7 +6,8 @@ import pytest
 from hil.judge.applied import applied_in, doubts_of
 from hil.judge.floating import FloatingRobot
 from hil.judge.score import stacked
-from hil.run.bench import motion_of, robot_of, truth_of
+from hil.run.bench import robot_of, truth_of
+from hil.run.motions import motion_of
 from hil.world.inertia import pi_of
 from hil.world.scenario import load
 
