@@ -245,8 +245,9 @@ def bound_words(outcome: Mapping[str, Any], body: str) -> str:
     """Return how far the sigma of a body's mass is from both bounds."""
     known = outcome["mass_sigma_to_crb_ratio"][body]
     shown = outcome["mass_sigma_to_true_crb_ratio"][body]
+    doubted = " and arm, scales and mountings exact" if outcome.get("exact") else ""
     return (
-        f"{shown:.2f} of the Cramer-Rao bound of these sensors, encoders included; "
+        f"{shown:.2f} of the Cramer-Rao bound of these sensors, encoders included{doubted}; "
         f"{known:.2f} of the bound with the joints' motion known exactly"
     )
 

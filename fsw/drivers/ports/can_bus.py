@@ -26,7 +26,7 @@ from fsw.drivers.wire import (
     joined,
     rows_of,
 )
-from fsw.errors import PortError
+from fsw.errors import PortError, of_system
 
 RECEIVE_BUFFER_BYTES = 1 << 22  # the kernel doubles it; a frame uses 768 bytes of it
 MAX_BATCH = 4096  # frames per read, so that a babbling bus cannot block the loop
@@ -62,7 +62,7 @@ def open_can(bus: BusConfig, clock: Clock) -> FramePort:
         device = can.Bus(interface=interface, channel=bus.channel, **options)
     except (can.CanError, OSError, ValueError, ImportError, TypeError) as error:
         none = isinstance(error, OSError) and error.errno == errno.EAFNOSUPPORT
-        words = NO_CAN if none else str(error)
+        words = NO_CAN if none else of_system(error)
         raise PortError(f"{name}: cannot be opened: {words}") from error
     link, group = _socket_of(device, interface or "")
     if link is None:

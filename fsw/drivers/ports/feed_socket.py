@@ -1,6 +1,5 @@
 """Socket of a live feed: Unix or UDP datagrams, each stamped as it is read."""
 
-import errno
 import socket
 from contextlib import suppress
 from ipaddress import ip_address
@@ -8,7 +7,7 @@ from pathlib import Path
 
 from fsw.clock import Clock
 from fsw.drivers.wire import ByteChunk
-from fsw.errors import PortError
+from fsw.errors import PortError, of_system
 
 READ_BYTES = 2048  # more than any datagram of a feed; the rest of a longer one is discarded
 MAX_READS = 256  # per call, so that a flood cannot block the loop
@@ -26,7 +25,7 @@ def open_feed(place: Path | tuple[str, int], clock: Clock) -> "FeedPort":
     try:
         line = _unix(place) if isinstance(place, Path) else _udp(*place)
     except OSError as error:
-        raise PortError(f"feed {_words(place)}: cannot be opened: {error}") from error
+        raise PortError(f"feed {_words(place)}: cannot be opened: {of_system(error)}") from error
     line.setblocking(False)
     with suppress(OSError):
         line.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
@@ -48,7 +47,7 @@ def _unix(path: Path) -> socket.socket:
             except ConnectionRefusedError:
                 path.unlink()
             else:
-                raise OSError(errno.EADDRINUSE, "another process receives here")
+                raise PortError("another process receives here")
     line = _bound(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM), str(path))
     path.chmod(MODE)
     return line

@@ -10,7 +10,7 @@ import serial
 
 from fsw.clock import Clock
 from fsw.drivers.wire import ByteChunk
-from fsw.errors import PortError
+from fsw.errors import PortError, of_system
 
 READ_BYTES = 4096
 MAX_READS = 64  # per call, so that a babbling line cannot block the loop
@@ -31,8 +31,7 @@ def open_serial(path: str, baud: int, clock: Clock) -> SerialPort:
         os.set_blocking(line.fileno(), False)
         _separate_idle_from_hang_up(line.fileno())
     except (OSError, ValueError, termios.error) as error:
-        number = error.errno if isinstance(error, OSError) else None
-        words = str(error) if number is None else os.strerror(number)  # the library repeats it
+        words = of_system(error)  # the library repeats port and number
         raise PortError(f"serial {path}: cannot be opened at {baud} baud: {words}") from error
     return SerialPort(line, clock, path)
 
