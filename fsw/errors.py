@@ -3,7 +3,6 @@
 Any other exception is a programmer's mistake.
 """
 
-import os
 from contextlib import suppress
 from reprlib import Repr
 
@@ -75,12 +74,6 @@ def in_words(error: Exception, program: str) -> str:
     if isinstance(error, OSError) and not isinstance(error, FswError):
         return f"{f'{error.filename}: ' if error.filename else ''}{error.strerror or error}"
     return str(error)
-
-
-def of_system(error: BaseException) -> str:
-    """Return the system's words for an error of a port, without its number; else the error's."""
-    number = error.errno if isinstance(error, OSError) else None
-    return str(error) if number is None else os.strerror(number)
 
 
 def unforeseen(error: Exception) -> str:

@@ -98,10 +98,9 @@ def _check_urdf(urdf: Path) -> None:
 
 
 def _check_masses(config: Config, model: RobotModel) -> None:
-    if model.n == 0 and not config.wheels:
-        raise ConfigError(
-            "robot.urdf: 0 joints that move; only a body with reaction wheels does without"
-        )
+    count = len(config.joints)
+    if model.n == 0 and count:
+        raise ConfigError(f"robot.urdf: 0 joints that move; must be the {count} of joints")
     for link, pi in _known_links(config, model):
         if pi[0] < 0.0 or (pi[0] == 0.0 and link == ROOT_LINK):
             bound = "at least 0"

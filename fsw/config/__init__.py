@@ -23,8 +23,6 @@ from fsw.config.robot import BaseConfig, BodyConfig, BodySigma, RobotConfig
 from fsw.config.sensors import ImuConfig, Mounting, StarTrackerConfig
 from fsw.config.services import RecorderConfig, ServiceConfig
 from fsw.config.telemetry import TelemetryConfig
-from fsw.config.thrusters import ThrusterConfig
-from fsw.config.wheels import WheelConfig
 from fsw.config.whole import Config, load, parse
 from fsw.config.wrench_sensors import WrenchSensorConfig
 
@@ -56,9 +54,7 @@ __all__ = [
     "ServiceConfig",
     "StarTrackerConfig",
     "TelemetryConfig",
-    "ThrusterConfig",
     "Vector3",
-    "WheelConfig",
     "WrenchSensorConfig",
     "load",
     "parse",

@@ -1,13 +1,19 @@
-"""Actuators of the base: what the general code must know of their sections."""
+"""Devices of base and arm: what the general code must know of their sections."""
 
 from collections.abc import Mapping, Sequence
 
 from fsw.config.thrusters import ThrusterConfig
 from fsw.config.wheels import WheelConfig
+from fsw.config.wrench_sensors import WrenchSensorConfig
 
 Actuator = WheelConfig | ThrusterConfig
 Describable = WheelConfig  # by signals of messages
 ACTUATORS = ("wheels", "thrusters")
+Sampled = type[WheelConfig] | type[WrenchSensorConfig]
+SAMPLED: Mapping[str, Sampled] = {  # whose samples another program may decode
+    "wheels": WheelConfig,
+    "wrench_sensors": WrenchSensorConfig,
+}
 
 
 def actuators_go_with(

@@ -188,8 +188,8 @@ class JointConfig(Section):
     angle is then integrated from `start_rad`; `position_noise_rad` and `zero_offset_rad` are left
     out. Use it only where there is no angle: the arm must stand within `zero_sigma_rad` of
     `start_rad` when `fsw run` or a recording begins, and what the noise adds up to costs sigma
-    ([methods.md](methods.md)). Not with method `mrnea`, `orbit`, `thrusters`, `modes`, external
-    wrenches or `outside_wrench: watch`; `fsw excite` and `fsw import` refuse it"""
+    ([methods.md](methods.md)). Not with method `mrnea`, nor where something but the arm changes the
+    momentum (`fsw check` names the key); `fsw excite` and `fsw import` refuse it"""
     position_noise_rad: AngleNoise
     """1 sigma of one position sample, quantisation included"""
     speed_noise_rad_s: SpeedNoise | None = None

@@ -131,7 +131,7 @@ class EstimatorConfig(Section):
     """1 sigma of the unmodelled external torque"""
     momentum_sigma_nms: MomentumSigma = 0.0
     """1 sigma, per axis, of the angular momentum of everything together, N m s; 0: it is zero. For
-    what tumbles after a capture, or holds momentum in wheels: as large as it may be, a value too
+    what tumbles after a capture, or holds momentum in rotors: as large as it may be, a value too
     large costs nothing ([methods.md](methods.md))"""
     external_force_sigma_n: ForceSigma = 0.0
     """1 sigma of a constant external force on the base, N; 0 together with the torque: none is

@@ -28,6 +28,7 @@ DelaySigma = Annotated[float, Field(ge=0, le=0.1, allow_inf_nan=False)]
 class WheelConfig(Section):
     """One wheel: a rotor, symmetric about an axis that is fixed in the base."""
 
+    columns: ClassVar = {"speed_rad_s": "object"}  # of its samples in a recording, by name
     width: ClassVar = 2  # values of a sample: speed_rad_s, torque_nm (NaN: unusable)
     name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}$")]
     """its name in events and status"""

@@ -29,6 +29,7 @@ class WrenchSensorConfig(Section):
     target included, about the origin of S in axes S. Its samples come from `fsw import` only.
     """
 
+    columns: ClassVar = {"force_n": "object", "torque_nm": "object"}  # recorded: x y z by name
     width: ClassVar = 6  # values of a sample in axes S: force [N], moment about its origin [N m]
     name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}$")]
     """its name in messages, and in the recording; not that of a joint"""

@@ -9,6 +9,7 @@ from typing import IO, Any
 from mcap.writer import CompressionType
 
 from file_delivery.regular import open_regular
+from fsw.config.actuators import SAMPLED
 from fsw.drivers.wire import recorded_bytes, recorded_columns
 from fsw.exchange.batch_writer import BatchWriter
 from fsw.exchange.sinks import CanTraffic, SerialTraffic
@@ -41,8 +42,7 @@ _SCHEMAS: dict[str, dict[str, str]] = {  # without `covariance`: Foxglove reads 
         "position_m": "object",
         "force_n": "object",
     },
-    "/samples/wheels": {"speed_rad_s": "object"},  # by name
-    "/samples/wrench_sensors": {"force_n": "object", "torque_nm": "object"},  # x y z by name
+    **{f"/samples/{section}": device.columns for section, device in SAMPLED.items()},
     "/samples/imu": {"w_NS_S_rad_s": "numbers", "f_NS_S_m_s2": "numbers"},
     "/samples/star_tracker": {"q_xyzw": "numbers"},
     "/tc": {

@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from fsw.config import Config, WheelConfig
+from fsw.config import Config
+from fsw.config.wheels import WheelConfig
 from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.problem import Problem
 from fsw.messages import Block

@@ -3,28 +3,24 @@
 The DBC files beside the drivers describe the same frames for other tools.
 """
 
+from collections.abc import Mapping
 from dataclasses import replace
 from math import tau
 
-from fsw.config import ThrusterConfig, WheelConfig
 from fsw.config.joints import TORQUE_STEP_NM
 from fsw.config.signals import TimingConfig
 from fsw.drivers.layout.decoder import Decoder
-from fsw.drivers.layout.joints import COUNTER, POSITION, STATUS, TIME, TORQUE, Layout, Use
+from fsw.drivers.layout.joints import COUNTER, STATUS, Layout, Use
 from fsw.drivers.layout.signals import Message, Number, Signal
 
 POSITION_SCALE_RAD = tau * 2.0**-24  # also of speeds [rad/s]
 TEMPERATURE_SCALE_K = 0.1
-AGE_SCALE_NS = 10_000
 STATUS_OF_ACTUATOR = 0xD8  # value valid, fault, SYNC lost, test data
 STATUS_ACTUATOR_VALID = 0x08
 NODE_ROLES = {"status": STATUS, "counter": COUNTER}
-WHEEL_ROLES = {"speed": POSITION, "torque": TORQUE} | NODE_ROLES
-VALVE_ROLES = {"valves": POSITION, "age": TORQUE, "changes": TIME} | NODE_ROLES
-OLD = 0xFFFF  # age on the wire: the newest change is this old or older, or there was none
 
 
-def _message(name: str, *fields: tuple[str, int, Number, float]) -> Message:
+def message_of(name: str, *fields: tuple[str, int, Number, float]) -> Message:
     """Return a message of whole little-endian fields: name, bits, number, scale of each."""
     signals, at = [], 0
     for field, bits, number, scale in fields:
@@ -33,14 +29,14 @@ def _message(name: str, *fields: tuple[str, int, Number, float]) -> Message:
     return Message(name=name, identifier=0, length=at // 8, signals=tuple(signals))
 
 
-JOINT = _message(
+JOINT = message_of(
     "joint",
     ("position", 32, "signed", POSITION_SCALE_RAD),
     ("torque", 16, "signed", TORQUE_STEP_NM["classic"]),
     ("status", 8, "unsigned", 1),
     ("counter", 8, "unsigned", 1),
 )
-JOINT_FD = _message(
+JOINT_FD = message_of(
     "joint_fd",
     ("position", 32, "signed", POSITION_SCALE_RAD),
     ("velocity", 32, "signed", POSITION_SCALE_RAD),
@@ -50,43 +46,22 @@ JOINT_FD = _message(
     ("temperature", 8, "signed", 1),
     ("device_time", 32, "unsigned", 1),
 )
-JOINT_SLOW = _message(
+JOINT_SLOW = message_of(
     "joint_slow",
     ("velocity", 32, "signed", POSITION_SCALE_RAD),
     ("motor_torque", 16, "signed", 1e-3),
     ("temperature", 16, "signed", TEMPERATURE_SCALE_K),
-)
-WHEEL = _message(
-    "wheel",
-    ("speed", 32, "signed", POSITION_SCALE_RAD),
-    ("torque", 16, "signed", 1e-4),
-    ("status", 8, "unsigned", 1),
-    ("counter", 8, "unsigned", 1),
-)
-WHEEL_SLOW = _message("wheel_slow", ("temperature", 16, "signed", TEMPERATURE_SCALE_K))
-THRUSTER = _message(
-    "thruster",
-    ("valves", 16, "unsigned", 1),
-    ("age", 16, "unsigned", 1),
-    ("changes", 8, "unsigned", 1),
-    ("reserved", 8, "unsigned", 1),
-    ("status", 8, "unsigned", 1),
-    ("counter", 8, "unsigned", 1),
 )
 
 READ_JOINT = Decoder(JOINT, JOINT.named("position", "torque", "status", "counter"))
 READ_JOINT_FD = Decoder(JOINT_FD, JOINT_FD.named("position", "torque", "status", "counter"))
 READ_SPEED_FD = Decoder(JOINT_FD, JOINT_FD.named("velocity", "torque", "status", "counter"))
 READ_JOINT_SLOW = Decoder(JOINT_SLOW, JOINT_SLOW.named("velocity", "motor_torque", "temperature"))
-READ_WHEEL_SLOW = Decoder(WHEEL_SLOW, WHEEL_SLOW.named("temperature"))
 
 
-def shipped(device: WheelConfig | ThrusterConfig, service: int) -> Layout:
-    """Return what the tailored node of a wheel or of valves sends; `service`: of its reports."""
-    own, roles = (
-        (WHEEL, WHEEL_ROLES) if isinstance(device, WheelConfig) else (THRUSTER, VALVE_ROLES)
-    )
-    message = replace(own, identifier=service | (device.node_id or 0))
+def shipped(message: Message, roles: Mapping[str, int], identifier: int) -> Layout:
+    """Return how a tailored node's report is read: its message, the roles of its fields, its id."""
+    message = replace(message, identifier=identifier)
     pairs = zip(roles.values(), message.named(*roles), strict=True)
     return Layout(
         uses=tuple(Use(role=role, message=message, signal=s, factor=1.0) for role, s in pairs),

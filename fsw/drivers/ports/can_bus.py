@@ -17,6 +17,7 @@ from fsw.drivers.ports import linux_can
 from fsw.drivers.ports.can_log import message_row
 from fsw.drivers.ports.packed_frames import PACKED_BYTES, Unpacker, packed
 from fsw.drivers.ports.stamps import KernelStamps
+from fsw.drivers.ports.system_words import of_system
 from fsw.drivers.wire import (
     NO_FRAMES,
     CanFrame,
@@ -26,7 +27,7 @@ from fsw.drivers.wire import (
     joined,
     rows_of,
 )
-from fsw.errors import PortError, of_system
+from fsw.errors import PortError
 
 RECEIVE_BUFFER_BYTES = 1 << 22  # the kernel doubles it; a frame uses 768 bytes of it
 MAX_BATCH = 4096  # frames per read, so that a babbling bus cannot block the loop

@@ -6,8 +6,9 @@ from ipaddress import ip_address
 from pathlib import Path
 
 from fsw.clock import Clock
+from fsw.drivers.ports.system_words import of_system
 from fsw.drivers.wire import ByteChunk
-from fsw.errors import PortError, of_system
+from fsw.errors import PortError
 
 READ_BYTES = 2048  # more than any datagram of a feed; the rest of a longer one is discarded
 MAX_READS = 256  # per call, so that a flood cannot block the loop

@@ -9,8 +9,9 @@ import termios
 import serial
 
 from fsw.clock import Clock
+from fsw.drivers.ports.system_words import of_system
 from fsw.drivers.wire import ByteChunk
-from fsw.errors import PortError, of_system
+from fsw.errors import PortError
 
 READ_BYTES = 4096
 MAX_READS = 64  # per call, so that a babbling line cannot block the loop

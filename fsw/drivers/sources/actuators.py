@@ -1,4 +1,4 @@
-"""Reports of wheels or of valves on one bus: read by their descriptions, timed, and judged."""
+"""Reports of actuators of one kind on one bus: read by their descriptions, timed, and judged."""
 
 from collections.abc import Sequence
 from typing import NamedTuple

@@ -5,16 +5,29 @@ from typing import Any
 
 import numpy as np
 
-from fsw.config import BusConfig, ThrusterConfig
+from fsw.config import BusConfig
+from fsw.config.thrusters import ThrusterConfig
 from fsw.drivers.codecs.canopen import COB_TPDO1
 from fsw.drivers.layout.joints import POSITION, TIME, TORQUE
-from fsw.drivers.layout.shipped import AGE_SCALE_NS, OLD, shipped
+from fsw.drivers.layout.shipped import NODE_ROLES, message_of, shipped
 from fsw.drivers.sources.actuators import Reporter, Reports
 from fsw.drivers.wire import FrameArray
 from fsw.messages import DeviceSamples
 from fsw.messages.findings import Fault
 
 COUNT = 256  # modulus of the counter of changes
+AGE_SCALE_NS = 10_000
+OLD = 0xFFFF  # age on the wire: the newest change is this old or older, or there was none
+REPORT = message_of(
+    "thruster",
+    ("valves", 16, "unsigned", 1),
+    ("age", 16, "unsigned", 1),
+    ("changes", 8, "unsigned", 1),
+    ("reserved", 8, "unsigned", 1),
+    ("status", 8, "unsigned", 1),
+    ("counter", 8, "unsigned", 1),
+)
+ROLES = {"valves": POSITION, "age": TORQUE, "changes": TIME} | NODE_ROLES
 
 
 @dataclass(slots=True)
@@ -44,7 +57,13 @@ class ThrusterBusSource:
         self._nodes = list(nodes.values())
         first = [node.thrusters[0][1] for node in self._nodes]
         reporters = [
-            Reporter(own.name, own.rate_hz, shipped(own, COB_TPDO1), own.node_id) for own in first
+            Reporter(
+                own.name,
+                own.rate_hz,
+                shipped(REPORT, ROLES, COB_TPDO1 | own.node_id),
+                own.node_id,
+            )
+            for own in first
         ]
         self._reports = Reports(bus, reporters, Fault.THRUSTER_SILENT)
         self.words, self.owns = self._reports.words, self._reports.owns

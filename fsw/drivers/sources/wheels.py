@@ -5,15 +5,34 @@ from typing import Any
 
 import numpy as np
 
-from fsw.config import BusConfig, WheelConfig
+from fsw.config import BusConfig
+from fsw.config.wheels import WheelConfig
 from fsw.drivers.codecs import canopen
+from fsw.drivers.layout.decoder import Decoder
 from fsw.drivers.layout.joints import POSITION, TORQUE, Layout
-from fsw.drivers.layout.shipped import READ_WHEEL_SLOW, WHEEL_SLOW, shipped
+from fsw.drivers.layout.shipped import (
+    NODE_ROLES,
+    POSITION_SCALE_RAD,
+    TEMPERATURE_SCALE_K,
+    message_of,
+    shipped,
+)
 from fsw.drivers.sources.actuators import Reporter, Reports
 from fsw.drivers.sources.samples import SPEED, SampleSource
 from fsw.drivers.wire import FrameArray
 from fsw.messages import DeviceSamples, FloatArray, IntArray
 from fsw.messages.findings import Fault
+
+REPORT = message_of(
+    "wheel",
+    ("speed", 32, "signed", POSITION_SCALE_RAD),
+    ("torque", 16, "signed", 1e-4),
+    ("status", 8, "unsigned", 1),
+    ("counter", 8, "unsigned", 1),
+)
+ROLES = {"speed": POSITION, "torque": TORQUE} | NODE_ROLES
+SLOW = message_of("wheel_slow", ("temperature", 16, "signed", TEMPERATURE_SCALE_K))
+READ_SLOW = Decoder(SLOW, SLOW.named("temperature"))
 
 
 class WheelBusSource:
@@ -36,7 +55,10 @@ class WheelBusSource:
     ) -> None:
         self._wheels = [wheel for _, wheel in wheels]
         self._indexes = np.array([index for index, _ in wheels], np.int64)
-        known = [layouts.get(i) or shipped(wheel, canopen.COB_TPDO1) for i, wheel in wheels]
+        known = [
+            layouts.get(i) or shipped(REPORT, ROLES, canopen.COB_TPDO1 | (wheel.node_id or 0))
+            for i, wheel in wheels
+        ]
         reporters = [
             Reporter(own.name, own.rate_hz, layout, own.node_id)
             for own, layout in zip(self._wheels, known, strict=True)
@@ -56,8 +78,8 @@ class WheelBusSource:
     def feed(self, frames: FrameArray) -> DeviceSamples:
         """Accept frames in order, SYNCs among them, and return the samples they hold."""
         for row in np.flatnonzero(np.isin(frames["word"], list(self._slow))).tolist():
-            if frames["length"][row] == WHEEL_SLOW.length:
-                (slow,) = READ_WHEEL_SLOW(frames["data"][row : row + 1])
+            if frames["length"][row] == SLOW.length:
+                (slow,) = READ_SLOW(frames["data"][row : row + 1])
                 place = self._slow[int(frames["word"][row])]
                 self._values[place]["temperature_degc"] = float(slow[0])
         timed = self._reports.read(frames)

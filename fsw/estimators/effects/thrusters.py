@@ -9,7 +9,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from fsw.config import Config, ThrusterConfig
+from fsw.config import Config
+from fsw.config.thrusters import ThrusterConfig
 from fsw.estimators.effects.device import Device, Driven, Part, Samples
 from fsw.estimators.effects.on_base import Costly, OnBase, is_free
 from fsw.estimators.effects.switched import Switched, changes

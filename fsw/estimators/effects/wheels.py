@@ -18,7 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotri, dtrtrs
 
-from fsw.config import Config, WheelConfig
+from fsw.config import Config
+from fsw.config.wheels import WheelConfig
 from fsw.estimators.effects.carried import Carrier
 from fsw.estimators.effects.device import Device, Driven, Part, Samples
 from fsw.estimators.effects.on_base import Costly, OnBase

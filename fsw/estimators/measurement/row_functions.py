@@ -237,7 +237,7 @@ def row_function(method: str, weighting: str, problem: Problem) -> RowsFunction:
 
     Raises
     ------
-    EstimatorError for an unknown method, and for ce with thrusters.
+    EstimatorError for an unknown method, and for ce with firings.
     """
     functions: dict[str, RowsFunction] = {
         "mrnea": _Mrnea(problem, weighting),
@@ -249,5 +249,5 @@ def row_function(method: str, weighting: str, problem: Problem) -> RowsFunction:
     if method not in functions:
         raise EstimatorError(f"method {method!r} is not one of {', '.join(functions)}")
     if method == "ce" and len(problem.switched):
-        raise EstimatorError("method 'ce' cannot take thrusters: they work on the whole's motion")
+        raise EstimatorError("method 'ce' cannot take firings: they work on the whole's motion")
     return functions[method]

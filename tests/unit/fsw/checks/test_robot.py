@@ -179,4 +179,4 @@ def test_an_inertia_no_body_can_have_is_a_warning(arm):
 
 def test_a_robot_without_joints_is_refused(arm):
     arm.robot(0)
-    assert_named(fault(arm), "robot.urdf", "0 joints that move", "reaction wheels")
+    assert_named(fault(arm), "robot.urdf", "0 joints that move", "the 3 of joints")

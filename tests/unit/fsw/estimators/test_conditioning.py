@@ -9,7 +9,7 @@ from numpy.polynomial import legendre
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from fsw.config import ThrusterConfig
+from fsw.config.thrusters import ThrusterConfig
 from fsw.estimators.arm_motion import held_samples
 from fsw.estimators.conditioning import Conditioner, build_conditioner
 from fsw.estimators.rotation import rotation_from_xyzw

@@ -51,7 +51,9 @@ def test_the_path_of_a_process_that_has_ended_is_used_again(tmp_path: Path):
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as left:
         left.bind(str(path))
     port = open_feed(path, MonotonicClock())
-    with pytest.raises(PortError, match=f"^feed {path}: cannot be opened: another process receives here$"):
+    with pytest.raises(
+        PortError, match=f"^feed {path}: cannot be opened: another process receives here$"
+    ):
         open_feed(path, MonotonicClock())
     port.close()
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from fsw.config import Config, WheelConfig
+from fsw.config import Config
+from fsw.config.wheels import WheelConfig
 from fsw.drivers.layout.joints import layouts_of
 from fsw.drivers.sources.wheels import WheelBusSource
 from fsw.drivers.wire import CanFrame, frame_array

@@ -5,7 +5,7 @@ import struct
 import numpy as np
 import pytest
 
-from fsw.config import ThrusterConfig
+from fsw.config.thrusters import ThrusterConfig
 from fsw.drivers.sources.thrusters import ThrusterBusSource
 from fsw.drivers.wire import CanFrame, frame_array
 from fsw.messages.findings import Fault

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from fsw.config import WheelConfig
+from fsw.config.wheels import WheelConfig
 from fsw.drivers.sources.wheels import WheelBusSource
 from fsw.drivers.wire import CanFrame, frame_array
 from fsw.messages.findings import Fault

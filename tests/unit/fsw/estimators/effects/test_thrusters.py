@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fsw.config import ThrusterConfig
+from fsw.config.thrusters import ThrusterConfig
 from fsw.estimators.effects.thrusters import Valves
 from fsw.messages import ChannelWindow
 from tests.support.thruster_cases import thruster_settings
