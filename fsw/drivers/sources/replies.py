@@ -123,32 +123,58 @@ class Replies:
         columns = (frames.member, frames.number, frames.t_ns, frames.done_ns)
         member, last, sent_ns, done_ns = (column.tolist() for column in columns)
         newest, found = self._newest[device], list[tuple[int, int, bool]]()
+        row: _Row | None = None
         for count in range(1, len(last) + 1):
             known_ns, is_over = done_ns[count - 1], False
             until_ns = done_ns[count] if count < len(last) else FOREVER_NS
+            if row is not None:
+                row.add(member[count - 1], last[count - 1])
             while (first := len(found)) < count:
-                least, most = self._bounds(device, member[first:count], last[first:count])
-                if most > least:
+                if row is None or row.least > row.most:
+                    row = self._row(device, member[first:count], last[first:count])
+                if row.most > row.least:
                     over_ns = self._cues.first_ns(sent_ns[first] + PATIENCE_NS)
                     if over_ns >= until_ns:
                         break
                     known_ns, is_over = max(known_ns, over_ns), True
-                own = member[first]
-                number = max(int(newest[own]), most)
-                if not is_over and number == last[first]:
-                    self._learn(*(np.array([one]) for one in (device, own, number)))
+                own, before = member[first], self._last[device]
+                number, row = max(int(newest[own]), row.most), None
+                if not is_over and number == last[first] == newest[before] != REFUSED:
+                    self._after[device, own, before] = True
                 newest[own], self._last[device] = number, own
                 found.append((number, known_ns, is_over))
         return found
 
-    def _bounds(self, device: int, member: list[int], last: list[int]) -> tuple[int, int]:
-        """Return the least and the largest cue that the first of a device's messages may answer."""
+    def _row(self, device: int, member: list[int], last: list[int]) -> "_Row":
+        """Return a device's messages that wait, in the order that it has kept so far, or in any."""
         after, same = self._after[device], np.eye(self._members, dtype=np.bool_)
-        for steps in (same | (after.T & ~after), same):  # [i, j]: least number of cues from j to i
-            bounds = np.full(self._members, FOREVER_NS)
-            for own, cue in zip(reversed(member), reversed(last), strict=True):
-                bounds[own] = min(cue, int((bounds - steps[:, own]).min()))
-            least = int((self._newest[device] + steps[member[0]]).max())
-            if least <= bounds[member[0]]:
-                break  # else the device does not keep its order
-        return least, int(bounds[member[0]])
+        newest = self._newest[device].tolist()
+        row = _Row((same | (after.T & ~after)).tolist(), newest, member, last)
+        return row if row.least <= row.most else _Row(same.tolist(), newest, member, last)
+
+
+class _Row:
+    """Messages in a row: the least and the largest cue that the first of them may answer.
+
+    Parameters
+    ----------
+    steps : [i][j] least number of cues from a message j to a later i
+    newest : cue of the newest message before, of each kind
+    member, last : kind of each message, and the last cue before it
+    """
+
+    def __init__(
+        self, steps: list[list[int]], newest: list[int], member: list[int], last: list[int]
+    ) -> None:
+        first, self._steps = member[0], steps
+        self.least = max(cue + step for cue, step in zip(newest, steps[first], strict=True))
+        self.most = last[0]
+        self._far = [-FOREVER_NS] * len(steps)  # least number of cues to the newest of each kind
+        self._far[first] = 0
+        for pair in zip(member[1:], last[1:], strict=True):
+            self.add(*pair)
+
+    def add(self, member: int, last: int) -> None:
+        """Accept the next message."""
+        far = max(far + step for far, step in zip(self._far, self._steps[member], strict=True))
+        self._far[member], self.most = far, min(self.most, last - far)

@@ -6,6 +6,7 @@ and the torque of no other cue.
 
 import itertools
 import struct
+import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -168,3 +169,26 @@ def test_batches_do_not_matter(tmp_path, loss):
     many = joined([parts.feed(frame_array(frames[own])) for own in cut(rng, len(frames), 5.0)])
     assert sorted(_rows(once)) == sorted(_rows(many))
     assert whole.counters == parts.counters
+
+
+def calls_of(source, frames: Sequence[CanFrame], batch: int) -> int:
+    """Return the number of calls that a source makes for frames in batches."""
+    calls, parts = (
+        itertools.count(),
+        [frame_array(frames[at : at + batch]) for at in range(0, len(frames), batch)],
+    )
+    sys.setprofile(lambda *event: event[1] in ("call", "c_call") and next(calls))
+    try:
+        for part in parts:
+            source.feed(part)
+    finally:
+        sys.setprofile(None)
+    return next(calls)
+
+
+def test_a_lost_message_costs_about_what_the_messages_held_for_it_cost(tmp_path):
+    frames = frames_of([1] * 200)
+    whole = calls_of(source_of(tmp_path), frames, 10)
+    lost = calls_of(source_of(tmp_path), frames_of([1] * 200, "PT", [("P", 100)]), 10)
+    held = 2 * int(0.08e9 / PERIOD_NS)
+    assert lost - whole < 25 * held
