@@ -18,7 +18,7 @@ from fsw.checks.trial import ACCELEROMETER, GYRO, Trial
 from fsw.config import Config, JointConfig
 from fsw.config.joints import GAIN_OF_CURRENT, LOAD_OF_CURRENT, OF_MOTOR_CURRENT
 from fsw.drivers.codecs.imu_datagram import STANDARD_GRAVITY_M_S2
-from fsw.estimators.rotation import rotation_from_xyzw
+from fsw.estimators.conditioning.rotation import rotation_from_xyzw
 from fsw.messages import FloatArray
 
 QUATERNION = "imu.mounting.q_BS_xyzw"

@@ -18,7 +18,7 @@ from numpy.polynomial import legendre
 from fsw.checks.comparison import Comparison
 from fsw.checks.windows import window_faults
 from fsw.config import Config
-from fsw.estimators.polynomial import EXTRA_DEGREE
+from fsw.estimators.conditioning.polynomial import EXTRA_DEGREE
 from fsw.messages import ChannelWindow, FloatArray, IntArray, Window
 
 OTHER_UNIT = 30.0  # declared noise too large by this ratio: a wrong unit gives 57 or 60

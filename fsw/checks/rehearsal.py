@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fsw.config import Config
 from fsw.errors import ConfigError, unforeseen
-from fsw.estimators.conditioning import build_conditioner
+from fsw.estimators.conditioning.blocks import build_conditioner
 from fsw.estimators.effects.registered import DEVICES
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.pipeline import Estimator

@@ -17,7 +17,7 @@ import numpy as np
 from fsw.config import Config, JointConfig
 from fsw.errors import NUMERICAL
 from fsw.estimators.batch.solver import Target, minimise
-from fsw.estimators.conditioning import Conditioner
+from fsw.estimators.conditioning.blocks import Conditioner
 from fsw.estimators.measurement.row_functions import Linearisation, row_function
 from fsw.estimators.model.building import build_problem, joint_order
 from fsw.estimators.model.problem import Problem

@@ -4,7 +4,7 @@ from operator import itemgetter
 
 from fsw.checks import budget
 from fsw.config import Config
-from fsw.estimators.polynomial import EXTRA_DEGREE
+from fsw.estimators.conditioning.polynomial import EXTRA_DEGREE
 
 MIN_WINDOW_SAMPLES = 8  # least samples of each channel in a window
 MAX_WINDOW_SAMPLES = 20_000  # most samples of the fastest channel: a window is one polynomial

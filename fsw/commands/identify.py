@@ -24,11 +24,11 @@ from fsw.errors import EstimatorError
 from fsw.estimators.batch.run import run_batch
 from fsw.estimators.batch.screening import fits_throughout, lacks_more, screened
 from fsw.estimators.block_view import BlockView
+from fsw.estimators.conditioning.plausible import plausible
 from fsw.estimators.measurement.mrnea import Rows
 from fsw.estimators.model.building import build_problem, joint_order, robot_of
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.pipeline import Pipeline
-from fsw.estimators.plausible import plausible
 from fsw.estimators.recursive.online import build_online
 from fsw.exchange.sinks import Fanout
 from fsw.messages import Block, Estimate, FloatArray

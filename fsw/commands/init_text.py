@@ -19,8 +19,8 @@ from fsw.config.feed import SAMPLES
 from fsw.config.joints import linear
 from fsw.config.processing import EstimatorConfig
 from fsw.errors import ConfigError
+from fsw.estimators.conditioning.polynomial import EXTRA_DEGREE
 from fsw.estimators.model.robot import RobotModel
-from fsw.estimators.polynomial import EXTRA_DEGREE
 
 UNKNOWN_EFFORT_NM, UNKNOWN_SPEED_RAD_S = 1e3, 10.0  # of a joint whose <limit> is a placeholder
 LEAST_NOISE_NM, LEAST_NOISE_RAD = 3e-3, 1.2e-7  # rounding of torque and position in a TPDO1

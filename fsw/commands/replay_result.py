@@ -8,7 +8,7 @@ import numpy as np
 
 from fsw.commands.unused import unused_lines
 from fsw.estimators import parameter_verdicts
-from fsw.estimators.few_windows import too_few
+from fsw.estimators.noise.few_windows import too_few
 from fsw.exchange.status import estimate_summary
 from fsw.messages import Estimate, Event
 

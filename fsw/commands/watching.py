@@ -7,7 +7,7 @@ far fewer, with neighbours: of a long recording some stretches are kept, evenly 
 from collections.abc import Sequence
 
 from fsw.config import Config
-from fsw.estimators.conditioning import Conditioner
+from fsw.estimators.conditioning.blocks import Conditioner
 from fsw.messages import Block, Window
 
 STRETCH = 256  # successive windows that are kept or not; more than `checks.trial.MOST`

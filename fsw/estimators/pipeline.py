@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 from fsw.config import Config
-from fsw.estimators.speed_motion import SpeedMotion
+from fsw.estimators.conditioning.speed_motion import SpeedMotion
 from fsw.messages import Block, Estimate, Window
 from fsw.messages.findings import Finding
 
@@ -92,7 +92,7 @@ def default_pipeline(config: Config, urdf_text: str | None = None) -> Pipeline:
 
     `urdf_text`, if given, replaces the robot's file. Raises ConfigError.
     """
-    from fsw.estimators.conditioning import build_conditioner
+    from fsw.estimators.conditioning.blocks import build_conditioner
     from fsw.estimators.model.building import robot_of
     from fsw.estimators.recursive.online import build_online
 

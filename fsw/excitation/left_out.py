@@ -17,12 +17,12 @@ from numpy.polynomial import legendre
 from scipy.linalg import solve_triangular
 
 from fsw.config import Config
+from fsw.estimators.conditioning.polynomial import gauss_nodes
 from fsw.estimators.measurement.block_stack import stacks_of
 from fsw.estimators.measurement.fused import predict
 from fsw.estimators.measurement.impulse import Impulse, integration
 from fsw.estimators.measurement.row_functions import row_function, stack
 from fsw.estimators.model.problem import Problem
-from fsw.estimators.polynomial import gauss_nodes
 from fsw.excitation import criteria
 from fsw.excitation.sampled import sampled_blocks
 from fsw.excitation.spline import Trajectory

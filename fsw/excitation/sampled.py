@@ -6,12 +6,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fsw.config import Config
-from fsw.estimators.conditioning import build_conditioner
+from fsw.estimators.conditioning.blocks import build_conditioner
+from fsw.estimators.conditioning.rotation import rotation_from_xyzw
 from fsw.estimators.effects.device import Device, Driven
 from fsw.estimators.effects.registered import DEVICES
 from fsw.estimators.model.building import joint_order
 from fsw.estimators.model.robot import RobotModel
-from fsw.estimators.rotation import rotation_from_xyzw
 from fsw.excitation import attitude
 from fsw.excitation.firings import by_device
 from fsw.excitation.spline import Trajectory

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from fsw.config import Config
+from fsw.estimators.conditioning.polynomial import NodeFit, gauss_nodes
 from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.inertia import to_parameters
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.model.robot import RobotModel
-from fsw.estimators.polynomial import NodeFit, gauss_nodes
 from fsw.messages import Block, ChannelWindow, FloatArray, Window
 from hil.world.history import TruthHistory
 from hil.world.spline import JointSpline

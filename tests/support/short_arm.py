@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 
 from fsw.config import Config
+from fsw.estimators.conditioning.polynomial import NodeFit, gauss_nodes
 from fsw.estimators.measurement.fused import predict
 from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.inertia import to_parameters
 from fsw.estimators.model.problem import Problem
-from fsw.estimators.polynomial import NodeFit, gauss_nodes
 from fsw.messages import Block, FloatArray
 from tests.support.estimator_cases import (
     NODES,

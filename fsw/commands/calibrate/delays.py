@@ -12,13 +12,13 @@ import numpy as np
 from numpy.polynomial import legendre
 from scipy.linalg import block_diag, solve_triangular
 
+from fsw.estimators.conditioning.polynomial import gauss_nodes
 from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.measurement.fused import stacked_fused_rows
 from fsw.estimators.measurement.impulse import Impulse
 from fsw.estimators.measurement.mrnea import Rows
 from fsw.estimators.measurement.row_functions import RowsFunction
 from fsw.estimators.model.problem import Problem
-from fsw.estimators.polynomial import gauss_nodes
 from fsw.messages import FloatArray
 
 NAMES = ("delay.gyro", "delay.accelerometer")

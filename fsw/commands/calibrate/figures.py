@@ -10,10 +10,10 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from fsw.config import Config
+from fsw.estimators.conditioning.rotation import rotation_from_xyzw
 from fsw.estimators.measurement.mounting import LEANING
 from fsw.estimators.model.state_groups import BY_NAME
 from fsw.estimators.parameter_verdicts import DATA_GAIN, MEASURED, PRIOR
-from fsw.estimators.rotation import rotation_from_xyzw
 from fsw.messages import FloatArray
 
 DELAY_KEYS = {"gyro": "gyro_group_delay_s", "accelerometer": "acc_group_delay_s"}

@@ -15,6 +15,7 @@ from fsw.errors import EstimatorError
 from fsw.estimators.batch.run import sound_blocks, with_noise_found
 from fsw.estimators.batch.settle import settle
 from fsw.estimators.batch.solver import Progress
+from fsw.estimators.conditioning.rotation import rotation_from_xyzw
 from fsw.estimators.measurement.mounting import gyro_turn
 from fsw.estimators.measurement.row_functions import Linearisation, row_function
 from fsw.estimators.model.building import build_problem
@@ -22,7 +23,6 @@ from fsw.estimators.model.problem import Problem
 from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.model.state_group import StateGroup
 from fsw.estimators.model.state_groups import GROUPS
-from fsw.estimators.rotation import rotation_from_xyzw
 from fsw.messages import Block, FloatArray, Window
 
 OF_JOINTS = [group for group in GROUPS if group.joint_key and group.calibrated_from]

@@ -11,9 +11,9 @@ from fsw.commands.calibrate.drift import LEAST_WINDOWS, drift
 from fsw.commands.calibrate.figures import Figure, in_axes, sensor_axes, stated
 from fsw.config import Config
 from fsw.errors import EstimatorError
+from fsw.estimators.conditioning.rotation import rotation_from_xyzw
 from fsw.estimators.measurement.fused import predict
 from fsw.estimators.model.problem import Problem
-from fsw.estimators.rotation import rotation_from_xyzw
 from fsw.messages import Block, FloatArray, Window
 
 MOVED_RAD = 1e-4  # a joint that moves by less is at rest: a controller never holds it exactly

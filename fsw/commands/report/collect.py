@@ -17,11 +17,11 @@ from fsw.commands.span import WHOLE, Span
 from fsw.config import Config
 from fsw.errors import WRONG_CONTENT, ConfigError, brief
 from fsw.estimators.block_view import fitting
+from fsw.estimators.conditioning.plausible import plausible
 from fsw.estimators.model.inertia import report_jacobian
 from fsw.estimators.model.problem import IndexArray, Problem
 from fsw.estimators.model.state_groups import group_of
 from fsw.estimators.pipeline import default_pipeline
-from fsw.estimators.plausible import plausible
 from fsw.estimators.recursive.online import OnlineEstimator
 from fsw.exchange.recording import messages_of
 from fsw.exchange.recording_parts import contents_of, parts_of

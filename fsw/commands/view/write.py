@@ -31,12 +31,12 @@ from fsw.commands.view.shapes import (
 )
 from fsw.config import Config
 from fsw.errors import ConfigError, EstimatorError
+from fsw.estimators.conditioning.plausible import plausible
 from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.inertia import PARAMETERS, from_parameters
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.pipeline import default_pipeline
-from fsw.estimators.plausible import plausible
 from fsw.estimators.publish import body_estimate
 from fsw.estimators.recursive.online import OnlineEstimator
 from fsw.excitation import spline

@@ -31,7 +31,7 @@ from fsw.estimators.batch.solver import (
     straighten,
 )
 from fsw.estimators.block_view import BlockView, changed
-from fsw.estimators.few_windows import too_few
+from fsw.estimators.conditioning.plausible import plausible
 from fsw.estimators.measurement.first_rate import at_first_rate
 from fsw.estimators.measurement.mrnea import Rows
 from fsw.estimators.measurement.row_functions import (
@@ -42,12 +42,12 @@ from fsw.estimators.measurement.row_functions import (
 )
 from fsw.estimators.model.building import build_problem, robot_of
 from fsw.estimators.model.problem import IMPLAUSIBLE, Problem
-from fsw.estimators.plausible import plausible
+from fsw.estimators.noise.few_windows import too_few
+from fsw.estimators.noise.sensors import SensorNoise
 from fsw.estimators.publish import body_estimate, whole_estimate
 from fsw.estimators.reasons import Failed, is_displaced, reasons
 from fsw.estimators.recursive.outcome import WEAKEST_GAIN, weakest_gain
 from fsw.estimators.recursive.prior_groups import Widened, in_words, widen
-from fsw.estimators.sensor_noise import SensorNoise
 from fsw.messages import Block, BodyEstimate, FloatArray
 
 # problem, mean (p,), covariance (p, p), fused rows of the blocks used at the mean

@@ -10,12 +10,12 @@ from scipy.special import chdtri
 from fsw.estimators.batch.plain import BatchSolution
 from fsw.estimators.batch.solver import Progress, Target, minimise
 from fsw.estimators.block_view import fitting
-from fsw.estimators.creep import Scores, changes, worst_change
-from fsw.estimators.few_windows import FEW_WINDOWS
-from fsw.estimators.few_windows import in_words as few_in_words
-from fsw.estimators.likeness import in_words
 from fsw.estimators.measurement.row_functions import Linearisation
 from fsw.estimators.model.problem import Problem
+from fsw.estimators.noise.creep import Scores, changes, worst_change
+from fsw.estimators.noise.few_windows import FEW_WINDOWS
+from fsw.estimators.noise.few_windows import in_words as few_in_words
+from fsw.estimators.noise.likeness import in_words
 from fsw.estimators.recursive.change import InnovationMonitor
 from fsw.estimators.recursive.trust import Trust, is_scattered
 from fsw.messages import Block, FloatArray

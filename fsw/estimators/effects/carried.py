@@ -19,9 +19,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.polynomial import legendre
 
+from fsw.estimators.conditioning.polynomial import gauss_nodes
 from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.model.inertia import cross, skew
-from fsw.estimators.polynomial import gauss_nodes
 from fsw.messages import FloatArray
 
 

@@ -16,7 +16,7 @@ from functools import partial
 import numpy as np
 
 from fsw.config import Config
-from fsw.estimators import reversal
+from fsw.estimators.conditioning import reversal
 from fsw.estimators.effects.joint_torque import Basis, JointMotion, Shape, TorqueEffect
 from fsw.estimators.model.state_group import (
     Setting,

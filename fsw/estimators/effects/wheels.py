@@ -20,12 +20,12 @@ from scipy.linalg.lapack import dpotrf, dpotri, dtrtrs
 
 from fsw.config import Config
 from fsw.config.wheels import WheelConfig
+from fsw.estimators.conditioning.window_fit import Instants, Wanted, fit_windows
 from fsw.estimators.effects.carried import Carrier
 from fsw.estimators.effects.device import Device, Driven, Part, Samples
 from fsw.estimators.effects.on_base import Costly, OnBase
 from fsw.estimators.model.inertia import about_com
 from fsw.estimators.model.state_group import StateGroup, per_part
-from fsw.estimators.window_fit import Instants, Wanted, fit_windows
 from fsw.messages import ChannelWindow, FloatArray, IntArray, Window, false_alarms
 from fsw.messages.findings import Fault, Finding
 

@@ -25,12 +25,12 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dtrtrs
 
+from fsw.estimators.conditioning.polynomial import EXTRA_DEGREE
+from fsw.estimators.conditioning.truncation import OMITTED, coefficients
 from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.measurement.impulse import Impulse, span_ns
 from fsw.estimators.measurement.motion_noise import smoothed
 from fsw.estimators.measurement.mrnea import Rows, whitened
-from fsw.estimators.polynomial import EXTRA_DEGREE
-from fsw.estimators.truncation import OMITTED, coefficients
 from fsw.messages import FloatArray, IntArray
 
 NOISE_POWER = 100.0  # mean squared whitened residual; above it the state is far off, not the motion

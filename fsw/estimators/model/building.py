@@ -10,10 +10,10 @@ from pydantic import BaseModel
 
 from fsw.config import BaseConfig, BodyConfig, Config, JointConfig
 from fsw.errors import ConfigError
+from fsw.estimators.conditioning.rotation import rotation_from_xyzw
 from fsw.estimators.effects.joint_torque import terms_of
 from fsw.estimators.effects.registered import TORQUE_EFFECTS, carrier, switched
 from fsw.estimators.effects.wrench_sensor import sensors_of
-from fsw.estimators.fading_noise import covariance_at_nodes
 from fsw.estimators.model.calibration import known_bodies
 from fsw.estimators.model.inertia import (
     NAMES,
@@ -28,7 +28,7 @@ from fsw.estimators.model.robot import Hold, RobotModel
 from fsw.estimators.model.state_group import Setting
 from fsw.estimators.model.state_groups import GROUPS
 from fsw.estimators.model.walks import walks_of
-from fsw.estimators.rotation import rotation_from_xyzw
+from fsw.estimators.noise.fading import covariance_at_nodes
 from fsw.messages import Block, FloatArray
 
 S = TypeVar("S", bound=BaseModel)

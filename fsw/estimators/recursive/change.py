@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtri
 
-from fsw.estimators.few_windows import FEW_WINDOWS, few_windows
+from fsw.estimators.noise.few_windows import FEW_WINDOWS, few_windows
 from fsw.estimators.recursive import page_sum
 from fsw.estimators.recursive.snapshot import Values, kept, put
 from fsw.messages import FloatArray

@@ -16,12 +16,12 @@ from fsw.estimators.measurement.impulse import Impulse
 from fsw.estimators.measurement.mrnea import Rows
 from fsw.estimators.measurement.row_functions import RowsFunction, usable_rows
 from fsw.estimators.model.problem import Problem
+from fsw.estimators.noise.sensors import SensorNoise
 from fsw.estimators.recursive import pacing
 from fsw.estimators.recursive.change import InnovationMonitor
 from fsw.estimators.recursive.memory import Memory, data_within
 from fsw.estimators.recursive.origin import Origin
 from fsw.estimators.recursive.pacing import SETTLED, Pacing, distance
-from fsw.estimators.sensor_noise import SensorNoise
 from fsw.messages import Block, FloatArray
 
 EVENT_LIMIT = 64

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.errors import EstimatorError
-from fsw.estimators.creep import Scores
 from fsw.estimators.measurement.impulse import Impulse
 from fsw.estimators.measurement.mrnea import Rows
+from fsw.estimators.noise.creep import Scores
 from fsw.estimators.recursive.snapshot import (
     Values,
     from_impulse,

@@ -17,13 +17,13 @@ from typing import Any
 import numpy as np
 
 from fsw.config import EstimatorConfig
-from fsw.estimators.creep import changes, worst_change
-from fsw.estimators.likeness import in_words as in_words_of_likeness
+from fsw.estimators.conditioning.plausible import plausible
 from fsw.estimators.measurement.first_rate import at_first_rate
 from fsw.estimators.measurement.mrnea import Rows
 from fsw.estimators.measurement.row_functions import RowsFunction
 from fsw.estimators.model.problem import Problem
-from fsw.estimators.plausible import plausible
+from fsw.estimators.noise.creep import changes, worst_change
+from fsw.estimators.noise.likeness import in_words as in_words_of_likeness
 from fsw.estimators.recursive.estimation import EVENT_LIMIT, Estimation, EventWords
 from fsw.estimators.recursive.isolation import ChannelScreen
 from fsw.estimators.recursive.memory import Memory

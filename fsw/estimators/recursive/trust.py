@@ -12,8 +12,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from fsw.estimators.creep import Creep
-from fsw.estimators.likeness import (
+from fsw.estimators.measurement.mrnea import Rows
+from fsw.estimators.model.problem import Problem
+from fsw.estimators.noise.creep import Creep
+from fsw.estimators.noise.likeness import (
     Likeness,
     besides_torques,
     lasting,
@@ -21,8 +23,6 @@ from fsw.estimators.likeness import (
     unexplained,
     widened,
 )
-from fsw.estimators.measurement.mrnea import Rows
-from fsw.estimators.model.problem import Problem
 from fsw.estimators.recursive.change import MISMATCH_LEVEL, colour, slow_power
 from fsw.estimators.recursive.snapshot import Values, kept, put
 from fsw.messages import Block, FloatArray

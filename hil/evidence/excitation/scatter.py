@@ -7,7 +7,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from fsw.estimators.batch.solver import solve
-from fsw.estimators.conditioning import build_conditioner
+from fsw.estimators.conditioning.blocks import build_conditioner
 from fsw.estimators.measurement.row_functions import row_function
 from fsw.estimators.model.inertia import is_consistent
 from fsw.estimators.model.problem import Problem

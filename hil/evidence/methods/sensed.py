@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fsw.config import Config
-from fsw.estimators.conditioning import build_conditioner
+from fsw.estimators.conditioning.blocks import build_conditioner
 from fsw.estimators.model.robot import RobotModel
 from fsw.messages import Block, ChannelWindow, Window
 from hil.world.history import TruthState

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from fsw.estimators.batch.solver import solve
+from fsw.estimators.conditioning.polynomial import NodeFit, gauss_nodes
 from fsw.estimators.measurement.row_functions import row_function
 from fsw.estimators.model.problem import Problem
-from fsw.estimators.polynomial import NodeFit, gauss_nodes
 from fsw.messages import Block
 from hil.evidence.methods.flight_side import problem_of, write_config
 from hil.evidence.paper.cases import ALL, NONE, PaperUnit, exact_sensors, scenario_of, truth_of

@@ -7,8 +7,8 @@ import pytest
 from scipy.stats import chi2
 
 from fsw.estimators.model.robot import RobotModel
+from fsw.estimators.noise.sensors import SensorNoise
 from fsw.estimators.recursive.online import build_online
-from fsw.estimators.sensor_noise import SensorNoise
 from hil.judge import judgement
 from hil.run import bench
 from hil.world.inertia import pi_of

@@ -10,7 +10,7 @@ import pytest
 
 from fsw.config import Config
 from fsw.estimators.batch.run import run_batch
-from fsw.estimators.conditioning import build_conditioner
+from fsw.estimators.conditioning.blocks import build_conditioner
 from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.measurement.fused import predict
 from fsw.estimators.measurement.impulse import Impulse

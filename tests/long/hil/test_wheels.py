@@ -11,9 +11,9 @@ import pytest
 
 from fsw.config import Config
 from fsw.estimators.batch.run import run_batch
+from fsw.estimators.conditioning.polynomial import gauss_nodes
 from fsw.estimators.measurement.fused import predict
 from fsw.estimators.model.building import build_problem
-from fsw.estimators.polynomial import gauss_nodes
 from fsw.messages import Block
 from hil.judge import judgement
 from hil.run import bench

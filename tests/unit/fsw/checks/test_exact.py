@@ -7,7 +7,7 @@ import pytest
 
 from fsw.checks.exact import exact_risks
 from fsw.checks.trial import Stream, Trial, make_trial
-from fsw.estimators.conditioning import build_conditioner
+from fsw.estimators.conditioning.blocks import build_conditioner
 from tests.support.estimator_cases import make_config, motion, robot_model, windows
 
 

@@ -13,7 +13,7 @@ from fsw.checks.recorded import range_findings, sample_findings
 from fsw.estimators.batch.reference import _remedy
 from fsw.estimators.measurement.mrnea import Rows
 from fsw.estimators.model.building import build_problem, robot_of
-from fsw.estimators.sensor_noise import SensorNoise
+from fsw.estimators.noise.sensors import SensorNoise
 from fsw.messages import ChannelWindow
 from tests.support.estimator_cases import make_config
 from tests.support.sliding import JOINT, sliding_config

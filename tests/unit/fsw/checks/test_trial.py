@@ -8,7 +8,7 @@ import pytest
 from fsw.checks.explanation import explain_residuals, unexplained
 from fsw.checks.recorded import sample_findings
 from fsw.checks.trial import ACCELEROMETER, GYRO, Stream, Trial, joined, make_trial, unwrapped
-from fsw.estimators.conditioning import build_conditioner
+from fsw.estimators.conditioning.blocks import build_conditioner
 from tests.support.estimator_cases import make_config, motion, robot_model, windows
 
 

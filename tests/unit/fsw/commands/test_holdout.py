@@ -13,8 +13,8 @@ from scipy.signal import lfilter
 
 from fsw.commands.holdout import _verdict, judge, split, to_text
 from fsw.errors import ConfigError
-from fsw.estimators.found_noise import mean_products
-from fsw.estimators.polynomial import EXTRA_DEGREE, gauss_nodes
+from fsw.estimators.conditioning.polynomial import EXTRA_DEGREE, gauss_nodes
+from fsw.estimators.noise.found import mean_products
 from fsw.messages import Block
 from tests.support.estimator_cases import NODES, TARGET, N, make_problem, true_blocks_cached
 

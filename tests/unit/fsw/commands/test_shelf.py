@@ -9,9 +9,9 @@ import pytest
 
 from fsw.commands import shelf
 from fsw.commands.shelf import Shelf
-from fsw.estimators import creep
 from fsw.estimators.batch.run import run_batch
 from fsw.estimators.measurement import row_functions
+from fsw.estimators.noise import creep
 from fsw.messages import Block
 from tests.support.estimator_cases import (
     WINDOW_S,

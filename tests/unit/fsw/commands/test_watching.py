@@ -8,7 +8,7 @@ import pytest
 
 from fsw.checks.trial import MOST, _head
 from fsw.commands.watching import STRETCH, Watching
-from fsw.estimators.conditioning import Conditioner
+from fsw.estimators.conditioning.blocks import Conditioner
 
 
 @pytest.fixture

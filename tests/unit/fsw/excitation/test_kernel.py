@@ -23,7 +23,7 @@ HALF_S = 0.2
 
 def block_of(own, q, qd, qdd):
     """Return a block of exact motion; the covariances are those of full windows."""
-    from fsw.estimators.polynomial import NodeFit
+    from fsw.estimators.conditioning.polynomial import NodeFit
 
     m, n = q.shape
     t_s = (np.arange(200) + 0.5) / 500 - HALF_S

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from fsw.config import Config
+from fsw.estimators.conditioning.polynomial import gauss_nodes
 from fsw.estimators.measurement.row_functions import row_function, stack
 from fsw.estimators.model.building import build_problem
-from fsw.estimators.polynomial import gauss_nodes
 from fsw.excitation import left_out
 from fsw.excitation.nominal import nominal_motion
 from tests.support.estimator_cases import make_config, robot_model

@@ -10,9 +10,10 @@ from scipy import stats
 from fsw.config.health import HealthConfig
 from fsw.config.processing import EstimatorConfig
 from fsw.drivers.sources.sync_pace import STEADY, STEPS
-from fsw.estimators import creep, reasons
+from fsw.estimators import reasons
+from fsw.estimators.conditioning.window_fit import GATE_SIGMAS
+from fsw.estimators.noise import creep
 from fsw.estimators.recursive import change, prior_groups
-from fsw.estimators.window_fit import GATE_SIGMAS
 from fsw.messages import false_alarms
 
 

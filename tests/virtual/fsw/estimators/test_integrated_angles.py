@@ -7,7 +7,7 @@ import pytest
 
 from fsw.config import Config
 from fsw.estimators.batch.run import run_batch
-from fsw.estimators.conditioning import Conditioner
+from fsw.estimators.conditioning.blocks import Conditioner
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.recursive.online import build_online
 from fsw.messages import Block

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import binom, chi2, t
 
 from fsw.estimators.batch.run import run_batch
-from fsw.estimators.few_windows import FEW_WINDOWS, few_windows, student
+from fsw.estimators.noise.few_windows import FEW_WINDOWS, few_windows, student
 from fsw.estimators.recursive.online import build_online
 from tests.support.estimator_cases import robot_model
 from tests.support.short_arm import recorded, short_arm_config

@@ -7,8 +7,8 @@ import pytest
 
 from fsw.commands.calibrate.delays import NAMES, DelayedRows, derivative, with_delays
 from fsw.estimators.batch.solver import solve
+from fsw.estimators.conditioning.polynomial import gauss_nodes
 from fsw.estimators.measurement.row_functions import row_function
-from fsw.estimators.polynomial import gauss_nodes
 from tests.support.estimator_cases import make_problem, noisy, true_block
 from tests.support.estimator_cases import motion as motion_of
 

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from fsw.estimators import creep
 from fsw.estimators.batch.run import run_batch
 from fsw.estimators.batch.solver import Target, reduced
 from fsw.estimators.measurement import row_functions
 from fsw.estimators.measurement.row_functions import Linearisation, row_function
 from fsw.estimators.measurement.row_functions import stack as stacked
+from fsw.estimators.noise import creep
 from tests.support.estimator_cases import make_config, make_problem, noisy_blocks
 
 PART = 12

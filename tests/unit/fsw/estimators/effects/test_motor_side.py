@@ -8,12 +8,12 @@ import pytest
 
 from fsw.config import Config
 from fsw.errors import ConfigError
+from fsw.estimators.conditioning.polynomial import gauss_nodes
 from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.measurement.fused import predict
 from fsw.estimators.measurement.motion_noise import residual_covariance
 from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.problem import Problem
-from fsw.estimators.polynomial import gauss_nodes
 from fsw.messages import Block
 from tests.support.estimator_cases import NODES, N, make_config, random_block, robot_model
 from tests.support.one_block import energy_rows, mrnea_rows

@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fsw.estimators.conditioning.polynomial import NodeFit, gauss_nodes
+from fsw.estimators.conditioning.window_fit import Instants
 from fsw.estimators.effects.wheels import Turn, WheelMotion
-from fsw.estimators.polynomial import NodeFit, gauss_nodes
-from fsw.estimators.window_fit import Instants
 from fsw.messages import ChannelWindow
 from tests.support.wheel_cases import INERTIA_KG_M2, wheel_config
 

@@ -7,13 +7,13 @@ import pytest
 from numpy.polynomial import Polynomial
 
 from fsw.estimators.batch.settle import fit
+from fsw.estimators.conditioning.polynomial import gauss_nodes
 from fsw.estimators.measurement import continuity
 from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.measurement.continuity import edge_operator
 from fsw.estimators.measurement.fused import predict
 from fsw.estimators.measurement.motion_noise import by_motion, residual_covariance
 from fsw.estimators.measurement.row_functions import linearised, row_function
-from fsw.estimators.polynomial import gauss_nodes
 from fsw.messages import Block, FloatArray
 from tests.support.estimator_cases import NODES, WINDOW_S, N, make_problem, noisy_blocks
 from tests.support.one_block import fused_rows

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from fsw.config import Config
-from fsw.estimators import reversal
+from fsw.estimators.conditioning import reversal
+from fsw.estimators.conditioning.polynomial import gauss_nodes
 from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.measurement.fused import predict
 from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.problem import Problem
-from fsw.estimators.polynomial import gauss_nodes
 from fsw.messages import Block
 from tests.support.estimator_cases import NODES, N, make_config, random_block, robot_model
 from tests.support.one_block import energy_rows, mrnea_rows

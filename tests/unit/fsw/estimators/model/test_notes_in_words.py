@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from fsw.estimators.few_windows import in_words as few
-from fsw.estimators.likeness import in_words as widening
 from fsw.estimators.model.state_groups import in_words
+from fsw.estimators.noise.few_windows import in_words as few
+from fsw.estimators.noise.likeness import in_words as widening
 from tests.support.estimator_cases import make_problem
 
 

@@ -7,8 +7,8 @@ import pytest
 from numpy.polynomial import legendre
 from scipy.signal import lfilter
 
-from fsw.estimators.fading_noise import covariance_at_nodes
-from fsw.estimators.found_noise import (
+from fsw.estimators.noise.fading import covariance_at_nodes
+from fsw.estimators.noise.found import (
     LAGS,
     found_noise,
     gapped_products,

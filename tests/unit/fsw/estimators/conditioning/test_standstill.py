@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from fsw.config import Config
-from fsw.estimators.conditioning import Conditioner
-from fsw.estimators.standstill import LASTING, Standstills
+from fsw.estimators.conditioning.blocks import Conditioner
+from fsw.estimators.conditioning.standstill import LASTING, Standstills
 from fsw.messages import Block, Window
 from tests.support.estimator_cases import N, make_config, motion, sampled_window
 

@@ -29,9 +29,9 @@ import numpy as np
 from scipy.fft import irfft, rfft
 from scipy.special import chdtri
 
-from fsw.estimators.few_windows import student
 from fsw.estimators.measurement.mrnea import Rows
 from fsw.estimators.model.state_groups import in_words as state_in_words
+from fsw.estimators.noise.few_windows import student
 from fsw.messages import Block, FloatArray
 
 LONGEST = 0.25  # longest lag of the autocovariance, as a share of the recording

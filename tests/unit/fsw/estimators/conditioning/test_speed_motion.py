@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from fsw.estimators.conditioning import Conditioner
+from fsw.estimators.conditioning.blocks import Conditioner
 from fsw.messages import Block, Window
 from fsw.messages.findings import Fault
 from tests.support.estimator_cases import NODES, RATE_HZ, WINDOW_S, N, channel, motion

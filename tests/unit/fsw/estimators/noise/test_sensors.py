@@ -7,9 +7,9 @@ import pytest
 from numpy.polynomial import legendre
 from scipy.signal import lfilter
 
-from fsw.estimators.fading_noise import covariance_at_nodes
-from fsw.estimators.found_noise import mean_products
-from fsw.estimators.sensor_noise import ChannelNoise, SensorNoise
+from fsw.estimators.noise.fading import covariance_at_nodes
+from fsw.estimators.noise.found import mean_products
+from fsw.estimators.noise.sensors import ChannelNoise, SensorNoise
 from fsw.messages import Block, FloatArray
 from tests.support.loop_cases import make_block
 

@@ -15,16 +15,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.config import Config
-from fsw.estimators.arm_motion import ArmConditioner, ArmWanted, is_doubtful, tells_of_noise
+from fsw.estimators.conditioning.arm_motion import (
+    ArmConditioner,
+    ArmWanted,
+    is_doubtful,
+    tells_of_noise,
+)
+from fsw.estimators.conditioning.polynomial import EXTRA_DEGREE, gauss_nodes
+from fsw.estimators.conditioning.rotation import rotation_from_xyzw
+from fsw.estimators.conditioning.window_fit import NO_FIT, Fitted, Instants, Wanted, fit_windows
+from fsw.estimators.conditioning.wrench_fit import WrenchConditioner
 from fsw.estimators.effects.device import Part
 from fsw.estimators.effects.registered import DEVICES
-from fsw.estimators.found_noise import LAGS
 from fsw.estimators.model.building import imu_samples, joint_order
 from fsw.estimators.model.robot import RobotModel
-from fsw.estimators.polynomial import EXTRA_DEGREE, gauss_nodes
-from fsw.estimators.rotation import rotation_from_xyzw
-from fsw.estimators.window_fit import NO_FIT, Fitted, Instants, Wanted, fit_windows
-from fsw.estimators.wrench_fit import WrenchConditioner
+from fsw.estimators.noise.found import LAGS
 from fsw.messages import Block, ChannelWindow, FloatArray, Window
 from fsw.messages.findings import Fault, Finding
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from fsw.config import JointConfig
-from fsw.estimators.polynomial import WindowFit
+from fsw.estimators.conditioning.polynomial import WindowFit
 from fsw.messages import Block, FloatArray
 
 SHORT_WINDOWS = 2.0  # windows; in a longer gap the speed limit alone gives the error of the bridge

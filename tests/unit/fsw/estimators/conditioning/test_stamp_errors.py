@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fsw.config.signals import TimingConfig
-from fsw.estimators.conditioning import build_conditioner
+from fsw.estimators.conditioning.blocks import build_conditioner
 from fsw.messages import ChannelWindow, Window
 from tests.support.estimator_cases import RATE_HZ, WINDOW_S, N, make_config, robot_model
 

@@ -20,7 +20,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw.estimators.found_noise import (
+from fsw.estimators.conditioning.polynomial import EXTRA_DEGREE
+from fsw.estimators.noise.found import (
     LAGS,
     Found,
     found_noise,
@@ -28,7 +29,6 @@ from fsw.estimators.found_noise import (
     shared_fading,
     size_at_nodes,
 )
-from fsw.estimators.polynomial import EXTRA_DEGREE
 from fsw.estimators.recursive.snapshot import Values, kept, put
 from fsw.messages import Block, FloatArray
 

@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.polynomial import legendre
 
-from fsw.estimators.polynomial import gauss_nodes
+from fsw.estimators.conditioning.polynomial import gauss_nodes
 from fsw.messages import FloatArray
 
 OMITTED = 2  # coefficients: an odd and an even one

@@ -12,8 +12,8 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 from scipy.linalg import matmul_toeplitz
 
-from fsw.estimators.fading_noise import covariance_at_nodes, instants
-from fsw.estimators.polynomial import EXTRA_DEGREE
+from fsw.estimators.conditioning.polynomial import EXTRA_DEGREE
+from fsw.estimators.noise.fading import covariance_at_nodes, instants
 from fsw.messages import FloatArray
 
 LAGS = (0, 1, 2, 3, 5, 8, 12, 18, 27, 40)  # samples between the factors of a mean product

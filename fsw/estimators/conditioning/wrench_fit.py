@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.config import Config
-from fsw.estimators.arm_motion import is_doubtful, tells_of_noise
-from fsw.estimators.found_noise import LAGS
-from fsw.estimators.polynomial import EXTRA_DEGREE
-from fsw.estimators.window_fit import NO_FIT, Fitted, Instants, Wanted
+from fsw.estimators.conditioning.arm_motion import is_doubtful, tells_of_noise
+from fsw.estimators.conditioning.polynomial import EXTRA_DEGREE
+from fsw.estimators.conditioning.window_fit import NO_FIT, Fitted, Instants, Wanted
+from fsw.estimators.noise.found import LAGS
 from fsw.messages import FloatArray, Window
 from fsw.messages.findings import Fault
 

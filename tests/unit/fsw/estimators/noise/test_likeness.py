@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import chi2
 
-from fsw.estimators.likeness import Likeness, besides_torques, lasting, likeness, widened
+from fsw.estimators.noise.likeness import Likeness, besides_torques, lasting, likeness, widened
 from fsw.estimators.recursive.trust import Trust
 
 BLOCKS, NODES, JOINTS, P = 100, 4, 3, 6

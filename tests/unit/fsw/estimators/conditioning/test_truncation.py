@@ -5,8 +5,8 @@ import pytest
 from numpy.polynomial import Polynomial
 from scipy.special import spherical_jn
 
-from fsw.estimators.polynomial import NodeFit, gauss_nodes
-from fsw.estimators.truncation import OMITTED, coefficients, legendre_basis, omitted
+from fsw.estimators.conditioning.polynomial import NodeFit, gauss_nodes
+from fsw.estimators.conditioning.truncation import OMITTED, coefficients, legendre_basis, omitted
 
 M, HALF_S, SAMPLES = 4, 0.2, 200
 DEGREE = M + 2

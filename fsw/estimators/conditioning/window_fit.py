@@ -12,8 +12,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw.estimators.found_noise import LAGS, gapped_products, mean_products
-from fsw.estimators.polynomial import NodeFit, WindowFit, lower_fit, node_fit
+from fsw.estimators.conditioning.polynomial import NodeFit, WindowFit, lower_fit, node_fit
+from fsw.estimators.noise.found import LAGS, gapped_products, mean_products
 from fsw.messages import FloatArray, false_alarms
 
 GATE_SIGMAS = false_alarms.sigmas("sample", sides=2)  # of white noise

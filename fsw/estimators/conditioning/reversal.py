@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.polynomial import legendre
 
-from fsw.estimators.polynomial import EXTRA_DEGREE, gauss_nodes
+from fsw.estimators.conditioning.polynomial import EXTRA_DEGREE, gauss_nodes
 from fsw.messages import FloatArray
 
 DULLEST = 2.0  # times the configured rate: below, friction may have any value

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from fsw.estimators.conditioning.polynomial import NodeFit, gauss_nodes
 from fsw.estimators.measurement.fused import predict
 from fsw.estimators.model.problem import Problem
-from fsw.estimators.polynomial import NodeFit, gauss_nodes
 from fsw.messages import Block, FloatArray
 from tests.support.estimator_cases import (
     BASE,

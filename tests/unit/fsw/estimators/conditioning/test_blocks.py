@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from fsw.config.thrusters import ThrusterConfig
-from fsw.estimators.arm_motion import held_samples
-from fsw.estimators.conditioning import Conditioner, build_conditioner
-from fsw.estimators.rotation import rotation_from_xyzw
+from fsw.estimators.conditioning.arm_motion import held_samples
+from fsw.estimators.conditioning.blocks import Conditioner, build_conditioner
+from fsw.estimators.conditioning.rotation import rotation_from_xyzw
 from fsw.messages import Block, ChannelWindow, Window
 from hil.world.history import rotation_matrices
 from tests.support.estimator_cases import (

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.polynomial import legendre
 from scipy.linalg import matmul_toeplitz
 
-from fsw.estimators.polynomial import gauss_nodes
+from fsw.estimators.conditioning.polynomial import gauss_nodes
 from fsw.messages import FloatArray
 
 NEIGHBOURS = 4  # windows on either side whose nodes are correlated with those of this window

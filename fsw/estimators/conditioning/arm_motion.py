@@ -8,14 +8,14 @@ from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from fsw.config import Config
-from fsw.estimators.found_noise import LAGS
+from fsw.estimators.conditioning.polynomial import EXTRA_DEGREE
+from fsw.estimators.conditioning.reversal import doubt, step
+from fsw.estimators.conditioning.speed_motion import SpeedMotion
+from fsw.estimators.conditioning.standstill import Standstills
+from fsw.estimators.conditioning.truncation import omitted
+from fsw.estimators.conditioning.window_fit import NO_FIT, ChannelFit, Fitted, Instants, Wanted
 from fsw.estimators.model.building import torque_model_covariance, torque_samples
-from fsw.estimators.polynomial import EXTRA_DEGREE
-from fsw.estimators.reversal import doubt, step
-from fsw.estimators.speed_motion import SpeedMotion
-from fsw.estimators.standstill import Standstills
-from fsw.estimators.truncation import omitted
-from fsw.estimators.window_fit import NO_FIT, ChannelFit, Fitted, Instants, Wanted
+from fsw.estimators.noise.found import LAGS
 from fsw.messages import FloatArray, Window
 from fsw.messages.findings import Fault
 

@@ -5,7 +5,7 @@ import pytest
 from numpy.polynomial import legendre
 from scipy.signal import lfilter
 
-from fsw.estimators.fading_noise import NEIGHBOURS, covariance_at_nodes
+from fsw.estimators.noise.fading import NEIGHBOURS, covariance_at_nodes
 
 SAMPLES, NODES, WINDOWS = 60, 3, 40_000
 T = (np.arange(SAMPLES) + 0.5) * (2.0 / SAMPLES) - 1.0

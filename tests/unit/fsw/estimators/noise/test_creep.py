@@ -6,7 +6,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from fsw.estimators.creep import NOTICED, ONSETS, Creep, Scores, changes, worst_change
+from fsw.estimators.noise.creep import NOTICED, ONSETS, Creep, Scores, changes, worst_change
 from fsw.messages.false_alarms import CHANGES, rate
 
 BLOCKS, ROWS, STATES = 60, 12, 4

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
 
-from fsw.estimators.polynomial import NodeFit, gauss_nodes
+from fsw.estimators.conditioning.polynomial import NodeFit, gauss_nodes
 
 HALF_S = 0.2
 

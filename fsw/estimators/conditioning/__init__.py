@@ -1,0 +1,1 @@
+"""From windows of samples to blocks: values of all channels at common instants."""
