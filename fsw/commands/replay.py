@@ -19,6 +19,7 @@ from fsw.config import Config
 from fsw.drivers.sources.devices import DEVICE_SAMPLES
 from fsw.drivers.wire import NO_FRAMES, ByteChunk, FrameArray, joined
 from fsw.errors import WRONG_CONTENT, ConfigError, brief
+from fsw.estimation.estimation import Estimation
 from fsw.estimators.pipeline import Pipeline
 from fsw.exchange.checkpoint import decode
 from fsw.exchange.columns import Column, frames_of
@@ -46,7 +47,6 @@ from fsw.exchange.sinks import (
     SerialTraffic,
     Sink,
 )
-from fsw.loop.estimation.estimation import Estimation
 from fsw.messages import Event
 from fsw.messages.commands import Command, CommandName
 from fsw.service.recorder import CHECKPOINT

@@ -59,7 +59,7 @@ class EstimationStatus:
 
 @dataclass(frozen=True, slots=True)
 class ScienceRecord:
-    """The newest sample of every channel, packed (`fsw.loop.estimation.science`)."""
+    """The newest sample of every channel, packed (`fsw.estimation.science`)."""
 
     t_ns: int
     data: bytes

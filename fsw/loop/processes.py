@@ -214,7 +214,7 @@ class Processes:
         own = ["--ring", str(self._stream.fd), "--wake", str(wake), "--down", str(found.fd)]
         self.estimation = Child(
             "estimation",
-            "fsw.loop.estimation.process",
+            "fsw.estimation.process",
             "nothing is estimated",
             [*own, "--since", str(since_ns), *common],
             (self._stream.fd, wake, found.fd, config_fd),

@@ -5,10 +5,10 @@ from typing import Any
 
 from fsw.clock import Clock
 from fsw.config import Config
+from fsw.estimation.estimation import Estimation
 from fsw.estimators.pipeline import Pipeline
 from fsw.exchange.restart import Restart
 from fsw.exchange.sinks import Fanout, JoinedStatus, Sink
-from fsw.loop.estimation.estimation import Estimation
 from fsw.loop.ports import Ports
 from fsw.loop.wiring import build
 from fsw.messages import Estimate

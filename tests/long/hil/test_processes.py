@@ -26,7 +26,7 @@ def test_starts_a_process_and_waits():
 """
 HIL = (sys.executable, "-m", "hil")
 PYTEST = (sys.executable, "-m", "pytest", "-p", "no:cacheprovider", f"--rootdir={ROOT}")
-DAEMON = ("fsw run", "fsw.loop.estimation.process", "fsw.service.process")
+DAEMON = ("fsw run", "fsw.estimation.process", "fsw.service.process")
 # the command in a folder, and what is to be seen among its processes before it is killed
 COMMANDS: dict[str, tuple[Callable[[Path], list[str]], tuple[str, ...]]] = {
     "run": (

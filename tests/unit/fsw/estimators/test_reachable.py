@@ -5,7 +5,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[4]
 ENTRIES = (
-    "fsw.loop.estimation.process",
+    "fsw.estimation.process",
     "fsw.commands.identify",
     "fsw.commands.replay",
     "fsw.service.worker",

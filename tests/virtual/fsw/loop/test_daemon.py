@@ -9,8 +9,8 @@ import pytest
 
 from fsw.drivers.wire import CanFrame
 from fsw.errors import EstimatorError, PortError
+from fsw.estimation.science import Science
 from fsw.estimators.pipeline import Pipeline
-from fsw.loop.estimation.science import Science
 from fsw.loop.ports import Ports
 from fsw.messages import Block
 from fsw.messages.commands import Command, CommandName

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from fsw.loop.estimation.dispatcher import Dispatcher
+from fsw.estimation.dispatcher import Dispatcher
 from fsw.telemetry.services.executor import TelecommandExecutor
 from hil.evidence.fuzz import damage, many
 from hil.evidence.fuzz.choices import Choices

@@ -14,6 +14,9 @@ from fsw.config import Config
 from fsw.config.overlay import overlay
 from fsw.drivers.layout.joints import torque_steps_nm
 from fsw.errors import CommandError, EstimatorError, unforeseen
+from fsw.estimation.channels import channels_of, sample_status
+from fsw.estimation.dispatcher import Dispatcher
+from fsw.estimation.science import Science
 from fsw.estimators.pipeline import (
     Estimator,
     Eventful,
@@ -39,9 +42,6 @@ from fsw.exchange.sinks import (
 )
 from fsw.exchange.status import estimate_summary, time_values
 from fsw.health import Health
-from fsw.loop.estimation.channels import channels_of, sample_status
-from fsw.loop.estimation.dispatcher import Dispatcher
-from fsw.loop.estimation.science import Science
 from fsw.messages import Estimate, Event, Window
 from fsw.messages.commands import Command
 from fsw.scheduler.align import Aligner

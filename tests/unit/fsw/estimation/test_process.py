@@ -3,10 +3,10 @@
 import os
 from types import SimpleNamespace
 
+from fsw.estimation.process import work_off
 from fsw.exchange.ring import RingReader, RingWriter
 from fsw.exchange.ringlink import TO_ESTIMATION, RingSink
 from fsw.exchange.sinks import BatchEnd
-from fsw.loop.estimation.process import work_off
 from fsw.messages.commands import Command, CommandName
 
 

@@ -1,6 +1,6 @@
 """The estimation process: reads the loop's traffic from a ring and publishes estimates.
 
-The loop process starts `python -m fsw.loop.estimation.process` with two inherited rings. The
+The loop process starts `python -m fsw.estimation.process` with two inherited rings. The
 process ends when the loop ends, also when the loop is killed. After a crash, the next estimation
 process continues from the newest checkpoint and reads the records that wait in the ring.
 """
@@ -14,13 +14,13 @@ import sys
 
 from fsw.clock import Clock, MonotonicClock, boot_id
 from fsw.config import Config
+from fsw.estimation.estimation import Estimation
 from fsw.exchange.checkpoint_store import CheckpointStore, identity_of
 from fsw.exchange.restart import judge
 from fsw.exchange.ring import RingReader, RingWriter
 from fsw.exchange.ringlink import TO_SERVICE, Kind, RingSink, handed_down, message_of
 from fsw.exchange.sinks import BatchEnd, Sink
 from fsw.exchange.tied import end_with
-from fsw.loop.estimation.estimation import Estimation
 from fsw.messages import Event
 from fsw.scheduler import realtime
 
@@ -86,7 +86,7 @@ def serve(estimation: Estimation, ring: RingReader, wake: int, parent: int, cloc
 
 def main(argv: list[str]) -> int:
     """Run the estimation process."""
-    parser = argparse.ArgumentParser(prog="fsw.loop.estimation.process", description=__doc__)
+    parser = argparse.ArgumentParser(prog="fsw.estimation.process", description=__doc__)
     parser.add_argument("--ring", type=int, required=True, help="descriptor of the loop's ring")
     parser.add_argument("--wake", type=int, required=True, help="descriptor of the loop's call")
     parser.add_argument("--down", type=int, required=True, help="descriptor of the service's ring")

@@ -2,8 +2,8 @@
 
 from fsw.config import Config
 from fsw.drivers.wire import frame_array
+from fsw.estimation.channels import BusChannel
 from fsw.exchange.sinks import CanTraffic
-from fsw.loop.estimation.channels import BusChannel
 from tests.support.wheel_cases import config_with_wheels
 from tests.unit.fsw.drivers.sources.test_described_wheels import (
     MESSAGES,

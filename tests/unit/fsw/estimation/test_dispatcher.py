@@ -1,6 +1,6 @@
 import pytest
 
-from fsw.loop.estimation.dispatcher import Dispatcher
+from fsw.estimation.dispatcher import Dispatcher
 from fsw.messages.commands import Code, Command, CommandName
 from tests.support.loop_cases import FakeEstimator, KeepSink
 
