@@ -13,9 +13,6 @@ from fsw.config import Config
 from fsw.messages import ChannelWindow, Window
 from fsw.messages.findings import Fault, Finding
 
-NEAR_RATIO = (
-    0.9  # of the limit: a torque that passes it in steps of less than a tenth is seen there
-)
 NEXT = 1.5  # periods: samples that follow one another are nearer
 MISSING = 2  # samples of a window; one is a spike of the wire, and hides nothing
 

@@ -82,6 +82,7 @@ MOST_STALLS = 64  # most stalls remembered
 WINDOWED = frozenset(
     {
         Fault.ENCODER_SPIKE,
+        Fault.TORQUE_RANGE,
         Fault.TORQUE_SPIKE,
         Fault.TORQUE_INCONSISTENT,
         Fault.GYRO_SPIKE,

@@ -1,9 +1,12 @@
 """Torques of which peaks are missing: sines that a range cuts, and what only looks like it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from fsw.health.censored import CensoredTorques
+from fsw.health.monitor import Health
 from fsw.messages import ChannelWindow, Window
 from fsw.messages.findings import Fault
 from tests.support.estimator_cases import make_config
@@ -27,17 +30,19 @@ def channel(torque_nm, kept) -> ChannelWindow:
     return ChannelWindow(t_ns=t_ns, values=values, missing=False, stale=False)
 
 
-def judged(torque_nm, kept):
-    tested = config()
+def window_of(torque_nm, kept) -> Window:
     empty = channel(np.zeros(200), np.zeros(200, bool))
     quiet = channel(np.ones(200), np.ones(200, bool))
-    joints = [quiet] * len(tested.joints)
+    joints = [quiet] * len(config().joints)
     joints[1] = channel(torque_nm, kept)
-    window = Window(
+    return Window(
         index=0, start_ns=0, stop_ns=WINDOW_NS, joints=tuple(joints),
         gyro=empty, accelerometer=empty, attitude=empty,
     )  # fmt: skip
-    return CensoredTorques(tested).judge(window)
+
+
+def judged(torque_nm, kept):
+    return CensoredTorques(config()).judge(window_of(torque_nm, kept))
 
 
 @pytest.mark.parametrize("rate_hz", [1.0, 5.0, 20.0])
@@ -70,3 +75,18 @@ def test_other_windows_stay_as_they_are(size_nm, lost):
     window, findings = judged(torque, kept)
     assert not findings
     np.testing.assert_array_equal(window.joints[1].values[:, 1], torque[kept])
+
+
+def test_windows_one_after_the_other_are_one_incident():
+    tested = config()
+    health, told = Health(tested), []
+    torque = 300.0 * np.sin(2 * np.pi * 5.0 * np.arange(200) * 0.002)
+    cut = window_of(torque, np.abs(torque) <= LIMIT_NM)
+    lag_ns, step_ns = round(tested.estimator.lag_s * 1e9), 50_000_000
+    for k in range(5):
+        stop_ns = (k + 1) * WINDOW_NS
+        health.judge(replace(cut, index=k, start_ns=stop_ns - WINDOW_NS, stop_ns=stop_ns))
+        for now_ns in range(stop_ns + lag_ns, stop_ns + lag_ns + WINDOW_NS, step_ns):
+            health.tick(0, 0, now_ns)
+            told += [event.code for event in health.events()]
+    assert told == ["TORQUE_RANGE"]
