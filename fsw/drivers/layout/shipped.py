@@ -26,7 +26,7 @@ def message_of(name: str, *fields: tuple[str, int, Number, float]) -> Message:
     for field, bits, number, scale in fields:
         signals.append(Signal(name=field, start=at, bits=bits, number=number, scale=scale))
         at += bits
-    return Message(name=name, identifier=0, length=at // 8, signals=tuple(signals))
+    return Message(name=name, identifier=0, length=at // 8, is_exact=True, signals=tuple(signals))
 
 
 JOINT = message_of(

@@ -47,12 +47,16 @@ class Signal:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Message:
-    """One kind of frame, known by its whole identifier of 11 or 29 bits."""
+    """One kind of frame, known by its whole identifier of 11 or 29 bits.
+
+    Frames are at least `length` bytes long; with `is_exact` they have this length.
+    """
 
     name: str
     identifier: int
     is_extended: bool = False
     length: int
+    is_exact: bool = False
     signals: tuple[Signal, ...]
 
     @property

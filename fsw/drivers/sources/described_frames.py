@@ -12,11 +12,11 @@ from fsw.drivers.layout.joints import ROLES, TIME, Layout, Use
 from fsw.drivers.layout.signals import Message
 from fsw.drivers.sources.groups import Arrivals
 from fsw.drivers.sources.validity import REFUSED
-from fsw.drivers.wire import FrameArray
+from fsw.drivers.wire import MAX_DATA_BYTES, FrameArray
 from fsw.messages import IntArray
 
 _Slot = tuple[int, int, tuple[Use, ...]]  # joint, which of its messages, the signals it uses
-_Short = tuple[int, int, int]  # joint, stamp [ns] and bytes of a frame that is too short
+_Short = tuple[int, int, int]  # joint, stamp [ns] and bytes of a frame of a wrong length
 
 
 class _Kind(NamedTuple):
@@ -27,7 +27,8 @@ class _Kind(NamedTuple):
     factors: list[float]
     slots: list[range]  # the decoded signals that one joint uses
     words: NDArray[np.uint32]
-    lengths: IntArray
+    lengths: IntArray  # the least that a frame has
+    most: IntArray
     joints: IntArray  # (messages, slots) place of the joint
     members: IntArray  # (messages, slots) which of the joint's messages this is
 
@@ -49,7 +50,7 @@ class FrameReader:
         -------
         joint : (k,) place of the joint in the list of layouts
         arrivals : values in SI units; device times are as on the wire
-        short : frames that are shorter than their message
+        short : frames that are shorter than their message, or longer than it may be
         """
         none = np.empty(0, np.int64)
         joints, short = [none], list[_Short]()
@@ -62,6 +63,7 @@ class FrameReader:
                 continue
             own, place = frames.take(rows), place[rows]
             is_short = own["length"] < kind.lengths[place]
+            is_short |= own["length"] > kind.most[place]
             if is_short.any():
                 short += _short(kind, own[is_short], place[is_short])
                 own, rows, place = own[~is_short], rows[~is_short], place[~is_short]
@@ -114,6 +116,9 @@ def _kind_of(
         slots=[range(start, stop) for start, stop in pairwise(bounds)],
         words=np.array(words, np.uint32),
         lengths=np.array([messages[word].length for word in words]),
+        most=np.array(
+            [messages[w].length if messages[w].is_exact else MAX_DATA_BYTES for w in words]
+        ),
         joints=np.array([[joint for joint, _, _ in slots[word]] for word in words]),
         members=np.array([[member for _, member, _ in slots[word]] for word in words]),
     )

@@ -126,7 +126,7 @@ class DescribedSamples:
 
         Returns
         -------
-        samples; device, stamp and bytes of frames that are too short
+        samples; device, stamp and bytes of frames of a wrong length
         """
         words = np.ascontiguousarray(frames["word"])
         for cues in self._cues.values():

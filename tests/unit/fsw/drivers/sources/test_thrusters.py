@@ -71,6 +71,7 @@ def test_changes_whose_times_are_not_known_are_told_as_such(age: int, changes: i
         report(0, 1, 0, 1, status=0x18),
         report(5, 1, 0, 1),
         CanFrame(T0 + 1, 0x1B1, b"\0" * 7),
+        CanFrame(T0 + 1, 0x1B1, report(0, 1, 0, 1).data + bytes(4), is_fd=True),
     ],
 )
 def test_a_bad_report_is_rejected_and_counted(bad: CanFrame) -> None:

@@ -68,6 +68,7 @@ def test_a_report_is_valid_at_the_sync_it_echoes() -> None:
         report(0, status=0x49),
         report(5),
         CanFrame(T0 + 1, 0x1A1, b"\0" * 7),
+        CanFrame(T0 + 1, 0x1A1, report(0).data + bytes(4), is_fd=True),
     ],
 )
 def test_a_bad_report_is_rejected_and_counted_and_the_next_one_is_used(bad: CanFrame) -> None:
