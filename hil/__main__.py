@@ -16,8 +16,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from evidence import commands as evidence
 from hil.basilisk import command as vs_basilisk
-from hil.evidence import commands as evidence
 from hil.examples import EXAMPLES
 from hil.options import add_own, call, count, require_own, seed
 
@@ -163,9 +163,9 @@ def _list(_arguments: argparse.Namespace) -> int:
 
 
 def _seeds(arguments: argparse.Namespace) -> int:
-    from hil.evidence.provenance import commit, seed_or_fresh
-    from hil.evidence.seeds import run_seeds, show, summary
-    from hil.evidence.settings import settled
+    from evidence.provenance import commit, seed_or_fresh
+    from evidence.seeds import run_seeds, show, summary
+    from evidence.settings import settled
 
     require_own(arguments)
     doubts = ["--doubts"] if arguments.doubts else []
@@ -190,8 +190,8 @@ def _run(arguments: argparse.Namespace) -> int:
         print(f"hil: run: {text}", file=sys.stderr)
 
     say("preparing world, devices and flight software")
+    from evidence.settings import settled
     from file_delivery.durable import replace_file
-    from hil.evidence.settings import settled
     from hil.judge import judgement, page, report
     from hil.judge.text import show
     from hil.run import bench

@@ -83,7 +83,7 @@ def test_every_file_of_the_packages_is_installed():
     patterns = settings["package-data"]["*"]
     left_out = [
         str(path.relative_to(ROOT))
-        for package in ("file_delivery", "fsw", "ground", "hil")
+        for package in ("evidence", "file_delivery", "fsw", "ground", "hil")
         for path in (ROOT / package).rglob("*")
         if path.is_file() and "__pycache__" not in path.parts and path.suffix != ".py"
         if not any(path.match(pattern) for pattern in patterns)
@@ -92,7 +92,7 @@ def test_every_file_of_the_packages_is_installed():
 
 
 def test_no_module_imports_itself_by_a_detour():
-    packages = ("file_delivery", "fsw", "ground", "hil")
+    packages = ("evidence", "file_delivery", "fsw", "ground", "hil")
     graph = grimp.build_graph(*packages, exclude_type_checking_imports=True, cache_dir=None)
     order = TopologicalSorter(
         {m: graph.find_modules_directly_imported_by(m) for m in graph.modules}

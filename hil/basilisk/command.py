@@ -216,7 +216,7 @@ def _estimate(name: str, file: Path, arguments: argparse.Namespace) -> dict[str,
     """Run the daemon on device bytes of the truth in `file`; return the summary of all seeds."""
     from rich.console import Console
 
-    from hil.evidence.seeds import run_seeds, show, summary
+    from evidence.seeds import run_seeds, show, summary
 
     options = ["--fast", "--truth", str(file)]
     out = None if arguments.out is None else file.with_suffix("")

@@ -7,7 +7,7 @@ import pytest
 HERE = Path(__file__).parent
 LONGEST = (  # by `--durations=0`; one worker takes a whole file
     "fsw/commands/test_newcomer.py",
-    "hil/evidence/test_imported.py",
+    "evidence/test_imported.py",
     "fsw/commands/test_check_wires.py",
     "hil/test_own_wires.py",
     "hil/test_vcan.py",

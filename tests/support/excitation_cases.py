@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
+from evidence.excitation import cases
 from fsw.config import Config
 from fsw.excitation.limits import MotionLimits
 from fsw.excitation.limits import load as load_limits
 from fsw.excitation.spline import SplineLayout
 from fsw.excitation.subject import Subject, build_subject
-from hil.evidence.excitation import cases
 
 LIMITS_FILE = Path(cases.LIMITS)
 SYSTEMS = tuple(cases.SYSTEMS)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from hil.evidence.mistakes.wires import describe, frames, write_candump
+from evidence.mistakes.wires import describe, frames, write_candump
 from hil.run.bench import Setup
 
 RATE_HZ = 100.0

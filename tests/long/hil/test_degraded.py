@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from hil.evidence.fault_matrix import run, table
+from evidence.fault_matrix import run, table
 from hil.judge.score import normalised_error_squared
 from hil.world.inertia import pi_of
 

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from evidence.fault_matrix import lost, machine, real_bus, run, table, work
+from evidence.store import Store
 from fsw.messages.findings import Fault
 from hil.__main__ import main
-from hil.evidence.fault_matrix import lost, machine, real_bus, run, table, work
-from hil.evidence.store import Store
 from hil.faults.script import TYPES, install
 from hil.run import bench
 from hil.run.progress import Quiet

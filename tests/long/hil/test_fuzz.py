@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from hil.evidence.fuzz.oracle import OracleError, chunks, segments
-from hil.evidence.fuzz.seeds import seeds
-from hil.evidence.fuzz.table import TARGETS, make, quota
+from evidence.fuzz.oracle import OracleError, chunks, segments
+from evidence.fuzz.seeds import seeds
+from evidence.fuzz.table import TARGETS, make, quota
 
 CORPUS = Path(__file__).parents[2] / "corpus"
 CI_INPUTS = 2_000  # `hil fuzz --inputs 1e7` is the campaign

@@ -7,7 +7,7 @@ import tempfile
 
 import pytest
 
-from hil.evidence.kills.round import VICTIMS
+from evidence.kills.round import VICTIMS
 
 COUNT = 10
 

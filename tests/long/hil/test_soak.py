@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from evidence.soak.campaign import plan, slope_mb, soak, summary
+from evidence.soak.epoch import SoakSegment
+from evidence.soak.ports import Reversed
+from evidence.store import JOURNAL, Store
 from hil.__main__ import main
-from hil.evidence.soak.campaign import plan, slope_mb, soak, summary
-from hil.evidence.soak.epoch import SoakSegment
-from hil.evidence.soak.ports import Reversed
-from hil.evidence.store import JOURNAL, Store
 from hil.run.bench import prepare
 from hil.world.scenario import load
 

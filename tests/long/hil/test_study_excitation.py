@@ -1,14 +1,14 @@
-"""The planner's evidence in short: the code of `python -m hil.evidence.excitation`, less of it."""
+"""The planner's evidence in short: the code of `python -m evidence.excitation`, less of it."""
 
 import numpy as np
 import pytest
 
+from evidence.excitation import cases
+from evidence.excitation.compare import contests
+from evidence.excitation.gradients import criterion_error, limits_error, race
+from evidence.excitation.requests import INFEASIBLE, refusal
+from evidence.excitation.scatter import scatter
 from fsw.excitation.request import MotionRequest
-from hil.evidence.excitation import cases
-from hil.evidence.excitation.compare import contests
-from hil.evidence.excitation.gradients import criterion_error, limits_error, race
-from hil.evidence.excitation.requests import INFEASIBLE, refusal
-from hil.evidence.excitation.scatter import scatter
 
 
 def test_gradients_agree_with_finite_differences():

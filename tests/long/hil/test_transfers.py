@@ -7,7 +7,7 @@ import tempfile
 
 import pytest
 
-from hil.evidence.transfers.campaign import INTERRUPTIONS
+from evidence.transfers.campaign import INTERRUPTIONS
 
 COUNT = 16
 SEED = "2"  # its sixteen have every kind of interruption

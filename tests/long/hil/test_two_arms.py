@@ -3,7 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
-from hil.evidence.excitation.flown import predicted, ratios
+from evidence.excitation.flown import predicted, ratios
 from hil.judge import judgement
 from hil.run import bench
 from hil.world.scenario import load

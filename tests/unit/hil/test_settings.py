@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from evidence.fuzz.campaign import campaign as fuzz
+from evidence.kills.campaign import campaign as kills
+from evidence.soak.campaign import soak
 from hil.errors import SETTINGS, same_settings
-from hil.evidence.fuzz.campaign import campaign as fuzz
-from hil.evidence.kills.campaign import campaign as kills
-from hil.evidence.soak.campaign import soak
 from hil.world.scenario import ScenarioError
 
 CAMPAIGNS: dict[str, Callable[[Path], Iterator[object]]] = {

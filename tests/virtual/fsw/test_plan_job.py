@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from evidence.excitation import cases
 from fsw.config import Config
 from fsw.errors import CommandError
 from fsw.excitation.subject import build_subject
@@ -21,7 +22,6 @@ from fsw.messages.commands import Code, Command, CommandName
 from fsw.service import worker
 from fsw.service.batch_jobs import BatchJobs
 from fsw.service.worker import Job
-from hil.evidence.excitation import cases
 from hil.world.spline import JointSpline
 from tests.support.excitation_cases import LIMITS_FILE
 from tests.support.loop_cases import make_estimate

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from evidence.fault_matrix import run, table
 from fsw.commands import identify as identification
 from fsw.commands.replay import replay
 from fsw.config import Config
 from fsw.estimators.batch.run import run_batch
 from fsw.estimators.batch.screening import screened
 from fsw.messages import Block
-from hil.evidence.fault_matrix import run, table
 from hil.judge.score import normalised_error_squared
 from hil.run import bench
 from hil.run.bench import Setup

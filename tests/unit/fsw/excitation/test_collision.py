@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from evidence.excitation import cases
 from fsw.estimators.model.robot import RobotModel
 from fsw.excitation.collision import build_collisions
 from fsw.excitation.limits import TargetBox
-from hil.evidence.excitation import cases
 from tests.support.excitation_cases import subject
 
 BOX = TargetBox(center_m=(0.0, 0.0, 0.25), size_m=(0.4, 0.4, 0.4))

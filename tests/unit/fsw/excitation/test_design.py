@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from evidence.excitation import cases
 from fsw.excitation import criteria
 from fsw.excitation.design import Criterion, Grid, LimitRows
 from fsw.excitation.request import PAPER_GAMMA
-from hil.evidence.excitation import cases
 from hil.world.limits import Limits as BenchLimits
 from hil.world.limits import check
 from hil.world.truth import simulate

@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from evidence.excitation import cases
 from fsw.config import Config
 from fsw.excitation import criteria
 from fsw.excitation.assess import information_root
 from fsw.excitation.firings import Firing
 from fsw.excitation.foreseen import foreseen_blocks, foreseen_root, whole_problem
 from fsw.excitation.subject import Subject, build_subject
-from hil.evidence.excitation import cases
 from tests.support.excitation_cases import PANEL, SHORT, motion
 
 TRAJECTORY = SHORT.trajectory(motion())

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from evidence.excitation import cases
 from fsw.config import Config
 from fsw.estimators.measurement.fused import predict
 from fsw.estimators.model.inertia import PARAMETERS
 from fsw.excitation.kernel import build_kernel
 from fsw.excitation.subject import build_subject
 from fsw.messages import Block
-from hil.evidence.excitation import cases
 from tests.support.estimator_cases import TWO_ARMS
 from tests.support.excitation_cases import SYSTEMS, subject
 from tests.support.one_block import fused_rows

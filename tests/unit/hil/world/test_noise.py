@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
-from hil.evidence.methods.flight_side import write_config
+from evidence.methods.flight_side import write_config
 from hil.run.flight_sensors import position_noise_rad, torque_noise_nm
 from hil.world.noise import BandLimitedWhiteNoise, Hysteresis, NoiseStream
 from hil.world.scenario import load

@@ -5,8 +5,8 @@ import json
 import pytest
 import yaml
 
+from evidence.excitation import cases
 from fsw.__main__ import main
-from hil.evidence.excitation import cases
 from hil.world.spline import JointSpline
 from tests.support.excitation_cases import LIMITS_FILE, SHORT, motion
 

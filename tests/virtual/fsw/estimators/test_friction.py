@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from evidence.methods.cases import NODES, RATE_HZ, SENSOR_SETS, WINDOW_S, scenario_of, truth_of
+from evidence.methods.exact import exact_samples
+from evidence.methods.flight_side import write_config
+from evidence.methods.sensed import Channels, condition, declared
+from evidence.mistakes.run import samples
 from fsw.config import Config
 from fsw.estimators.batch.run import run_batch
 from fsw.estimators.recursive.online import build_online
 from fsw.messages import Block
-from hil.evidence.methods.cases import NODES, RATE_HZ, SENSOR_SETS, WINDOW_S, scenario_of, truth_of
-from hil.evidence.methods.exact import exact_samples
-from hil.evidence.methods.flight_side import write_config
-from hil.evidence.methods.sensed import Channels, condition, declared
-from hil.evidence.mistakes.run import samples
 from hil.world.friction import JointFriction, draw_friction
 
 SEEDS = (0, 1, 2)

@@ -2,9 +2,9 @@
 
 import pytest
 
-from hil.evidence.lies.arguments import EXACT
-from hil.evidence.lies.case import Flight, estimates_of, flight_of, judged
-from hil.evidence.lies.table import Lie
+from evidence.lies.arguments import EXACT
+from evidence.lies.case import Flight, estimates_of, flight_of, judged
+from evidence.lies.table import Lie
 from hil.world.scenario import load
 
 SCENARIO, SEED, RATE_HZ = "target_leo", 3, 500.0

@@ -7,6 +7,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+from evidence.excitation import cases
 from fsw.excitation import criteria
 from fsw.excitation.assess import information_root
 from fsw.excitation.collision import build_collisions
@@ -14,7 +15,6 @@ from fsw.excitation.plan import Planner
 from fsw.excitation.request import InfeasibleError, MotionRequest
 from fsw.excitation.subject import build_subject
 from fsw.excitation.verify import every_limit
-from hil.evidence.excitation import cases
 from hil.world.limits import check
 from hil.world.truth import simulate
 from tests.support.excitation_cases import limits, panelled, subject

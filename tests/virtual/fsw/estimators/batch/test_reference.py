@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
+from evidence.differential.command import case, differential, lines
 from fsw.errors import EstimatorError
 from fsw.estimators.batch.run import run_batch
-from hil.evidence.differential.command import case, differential, lines
 
 
 def test_a_reference_halves_the_error_of_the_mass_and_stays_honest(tmp_path: Path) -> None:

@@ -1,0 +1,164 @@
+"""Print every figure asked of the excitation planner: `python -m evidence.excitation`."""
+
+import argparse
+import os
+import sys
+from pathlib import Path
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: one core
+
+import numpy as np
+from scipy.stats import chi2
+
+from evidence.excitation import cases
+from evidence.excitation.compare import Contest, contests
+from evidence.excitation.flown import flights
+from evidence.excitation.gradients import criterion_error, limits_error, race
+from evidence.excitation.replanned import Second, seconds
+from evidence.excitation.requests import INFEASIBLE, refusal, robust
+from evidence.excitation.scatter import scatter
+from fsw.excitation import criteria, spline
+from hil.options import count
+
+PARTS = ("gradients", "requests", "contests", "scatter", "race", "robust", "flown", "replanned")
+CRITERIA: tuple[criteria.Name, ...] = ("cond", "gamma", "sigma")
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the requested parts; return 0."""
+    parser = argparse.ArgumentParser(prog="python -m evidence.excitation", description=__doc__)
+    parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)}")
+    parser.add_argument("--systems", nargs="+", choices=list(cases.SYSTEMS), default=cases.SYSTEMS)
+    parser.add_argument("--runs", type=count, default=50)
+    parser.add_argument("--seeds", type=count, default=4, help="of the part replanned")
+    parser.add_argument(
+        "--outcomes",
+        nargs="+",
+        type=Path,
+        default=[],
+        help="of `hil seeds --out`, for the part flown",
+    )
+    parser.add_argument("--folder", type=Path, default=Path("runs/excitation"))
+    options = parser.parse_args(argv)
+    parts = options.parts or PARTS
+    unknown = sorted(set(parts) - set(PARTS))
+    if unknown:
+        parser.error(f"no such part: {unknown}; there are {PARTS}")
+    options.folder.mkdir(parents=True, exist_ok=True)
+    if "gradients" in parts:
+        _gradients()
+    if "requests" in parts:
+        _requests()
+    for system in options.systems:
+        if "contests" in parts:
+            _contests(system, options.folder)
+        if "scatter" in parts:
+            _scatter(system, options.folder, options.runs)
+    if "race" in parts:
+        _race()
+    if "robust" in parts:
+        limit, use = robust(1.4, 0.6, 8)
+        _say(f"robust: prior 1.4 x true, 8 bodies: in the truth {limit} at {use.ratio:.4f}")
+    if "flown" in parts:
+        for found in map(flights, options.outcomes):
+            low, high = found.sigma
+            _say(
+                f"{found.name}: {found.seeds} flights, published over predicted sigma {low:.3f} to "
+                f"{high:.3f}; whitened error {found.error:.3f} of the prediction "
+                "({:.3f} to {:.3f}, 95 %)".format(*found.interval)
+            )
+    if "replanned" in parts:
+        _replanned(options.seeds)
+    return 0
+
+
+def _replanned(count: int) -> None:
+    found: dict[str, list[Second]] = {"nominal": [], "replanned": []}
+    for seed in range(count):
+        for name, second in seconds(seed).items():
+            found[name].append(second)
+            _say(
+                f"seed {seed}, {name}: {'valid' if second.valid else 'NOT VALID'}, sigma "
+                f"{_mean(second.predicted):.4g} predicted, {_mean(second.flown):.4g} flown "
+                f"(ratio {second.ratio:.3f}); NEES {second.nees:.1f} for {len(second.flown)}"
+            )
+    for name, all_of in found.items():
+        nees = sum(second.nees for second in all_of)
+        dof = sum(len(second.flown) for second in all_of)
+        low, high = (chi2.ppf(p, dof) for p in (0.025, 0.975))
+        _say(f"{name}: NEES {nees:.1f} of all, 95 % band {low:.1f} to {high:.1f}")
+    pairs = zip(found["replanned"], found["nominal"], strict=True)
+    shares = [_mean(one.flown) / _mean(other.flown) for one, other in pairs]
+    _say(f"sigma flown, replanned over nominal: {min(shares):.3f} to {max(shares):.3f}")
+
+
+def _mean(sigma: np.ndarray) -> float:
+    return float(np.exp(np.mean(np.log(sigma))))
+
+
+def _gradients() -> None:
+    own = cases.subject("both")
+    for name in criteria.NAMES:
+        _say(f"gradient of {name}: relative error {criterion_error(own, name):.1e}")
+    _say(f"Jacobian of the limits: relative error {limits_error(own):.1e}")
+
+
+def _requests() -> None:
+    for name, changes in INFEASIBLE.items():
+        error = refusal(changes)
+        _say(f"{name}: {'NOT REFUSED' if error is None else error}")
+
+
+def _contests(system: str, folder: Path) -> None:
+    for found in contests(system, CRITERIA, _say):
+        spline.save(
+            found.plan.trajectory,
+            folder / f"{system}_{found.criterion}.yaml",
+            {"system": system, "criterion": found.criterion, "value": found.optimised},
+        )
+        _say(_line(found))
+
+
+def _line(found: Contest) -> str:
+    return (
+        f"{found.system} {found.criterion}: optimised {found.optimised:.5g} in "
+        f"{found.optimiser_s:.1f} s ({found.evaluations:.0f} evaluations); best of {found.randoms} "
+        f"random in {found.random_s:.0f} s {found.best_random:.5g} "
+        f"(x {found.best_random / found.optimised:.2f}), median {found.median_random:.5g} "
+        f"(x {found.median_random / found.optimised:.2f}); dense check: worst limit "
+        f"{-found.dense_excess:.4f} inside; truth: {found.truth_limit} at {found.truth.ratio:.4f}"
+    )
+
+
+def _scatter(system: str, folder: Path, runs: int) -> None:
+    path = folder / f"{system}_sigma.yaml"
+    if path.exists():
+        trajectory = spline.load(path)
+    else:
+        trajectory = cases.planner(cases.subject(system)).plan().trajectory
+    found = scatter(system, trajectory, runs, say=_say)
+    low, high = found.interval
+    _say(
+        f"{system}: {found.runs} runs, whitened pooled ratio {found.pooled_ratio:.4f}; sums of "
+        f"squares {found.chi_square.min():.1f} to {found.chi_square.max():.1f}, interval "
+        f"{low:.1f} to {high:.1f}; outside: {found.outside or 'none'}; "
+        f"not converged: {found.not_converged}"
+    )
+
+
+def _race() -> None:
+    found = race(cases.subject("target"), cases.DEFAULT.iterations)
+    _say(
+        f"exact gradients: {found.exact_value:.4f} in {found.exact_s:.1f} s; finite differences: "
+        f"{'reached' if found.reached else 'not reached'} after {found.numeric_s:.1f} s "
+        f"(best {found.numeric_value:.4f}), x {found.numeric_s / found.exact_s:.1f}"
+    )
+
+
+def _say(text: str) -> None:
+    sys.stdout.write(text + "\n")
+    sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
