@@ -77,6 +77,16 @@ def test_other_windows_stay_as_they_are(size_nm, lost):
     np.testing.assert_array_equal(window.joints[1].values[:, 1], torque[kept])
 
 
+def test_frames_lost_away_from_the_peaks_leave_a_torque_near_its_limit():
+    torque = 199.0 * np.sin(2 * np.pi * 5.0 * np.arange(200) * 0.002)
+    kept = np.ones(200, bool)
+    kept[np.flatnonzero(np.abs(torque) < 0.8 * LIMIT_NM)[::20]] = False
+    window, findings = judged(torque, kept)
+    assert (~kept).sum() > 2
+    assert not findings
+    assert not np.isnan(window.joints[1].values).any()
+
+
 def test_windows_one_after_the_other_are_one_incident():
     tested = config()
     health, told = Health(tested), []
