@@ -17,6 +17,7 @@ from fsw.drivers.codecs import canopen
 from fsw.drivers.layout import shipped
 from fsw.drivers.layout.decoder import Decoder
 from fsw.drivers.layout.signals import Message, faults
+from fsw.drivers.sources import thrusters, wheels
 from fsw.drivers.wire import Reject
 from tests.support.encoders import tpdo1, tpdo1_fd
 
@@ -35,10 +36,10 @@ def read(message: Message, *data: bytes) -> Mapping[str, np.ndarray]:
 
 
 def test_descriptions_have_no_fault() -> None:
-    for message in (shipped.JOINT, shipped.JOINT_FD, shipped.JOINT_SLOW, shipped.WHEEL,
-                    shipped.WHEEL_SLOW, shipped.THRUSTER):  # fmt: skip
+    for message in (shipped.JOINT, shipped.JOINT_FD, shipped.JOINT_SLOW, wheels.REPORT,
+                    wheels.SLOW, thrusters.REPORT):  # fmt: skip
         assert not list(faults(message))
-    lengths = [shipped.JOINT.length, shipped.JOINT_FD.length, shipped.WHEEL_SLOW.length]
+    lengths = [shipped.JOINT.length, shipped.JOINT_FD.length, wheels.SLOW.length]
     assert lengths == [8, 20, 2]
 
 
@@ -49,11 +50,11 @@ def test_vectors_of_the_icd() -> None:
     assert joint["torque"] == pytest.approx([-12.34])
     assert (joint["status"].tolist(), joint["counter"].tolist()) == ([0x09], [42])
     assert tpdo1(-1.25, -12.34, 0x09, 42) == golden
-    wheel = read(shipped.WHEEL, bytes.fromhex("8119bf2fd204092a"))
+    wheel = read(wheels.REPORT, bytes.fromhex("8119bf2fd204092a"))
     assert wheel["speed"] == pytest.approx([300.0], abs=4e-7)
     assert wheel["torque"] == pytest.approx([0.1234])
     assert (wheel["status"].tolist(), wheel["counter"].tolist()) == ([9], [42])
-    valves = read(shipped.THRUSTER, bytes.fromhex("0500d2040700082a"))
+    valves = read(thrusters.REPORT, bytes.fromhex("0500d2040700082a"))
     found = [valves[name].tolist() for name in ("valves", "age", "changes", "status", "counter")]
     assert found == [[5], [1234], [7], [8], [42]]
 
@@ -102,7 +103,7 @@ def test_the_dbc_files_read_frames_alike(data: bytes) -> None:
     names = ("torque_valid", "torque_overload", "torque_fault", "encoder_valid",
              "encoder_fault", "brake_engaged", "sync_lost", "test_data")  # fmt: skip
     assert joint["status"].tolist() == [sum(oracle[name] << k for k, name in enumerate(names))]
-    wheel, oracle = read(shipped.WHEEL, data), WHEEL.decode_message("TPDO1", data)
+    wheel, oracle = read(wheels.REPORT, data), WHEEL.decode_message("TPDO1", data)
     assert wheel["speed"] == pytest.approx([oracle["speed"]], rel=1e-12)
     assert wheel["torque"] == pytest.approx([oracle["motor_torque"]], rel=1e-12)
     assert wheel["counter"].tolist() == [oracle["sync_counter"]]
@@ -110,11 +111,11 @@ def test_the_dbc_files_read_frames_alike(data: bytes) -> None:
              "sync_lost", "test_data")  # fmt: skip
     bits = sum(oracle[name] << bit for bit, name in enumerate(names) if name)
     assert (int(wheel["status"][0]) & ~0x20) == bits
-    valves, oracle = read(shipped.THRUSTER, data), THRUSTER.decode_message("TPDO1", data)
+    valves, oracle = read(thrusters.REPORT, data), THRUSTER.decode_message("TPDO1", data)
     assert valves["valves"].tolist() == [oracle["valves"]]
     assert valves["changes"].tolist() == [oracle["changes"]]
     assert valves["counter"].tolist() == [oracle["sync_counter"]]
-    assert valves["age"][0] * shipped.AGE_SCALE_NS * 1e-9 == pytest.approx(oracle["age"])
+    assert valves["age"][0] * thrusters.AGE_SCALE_NS * 1e-9 == pytest.approx(oracle["age"])
     places = {"valves_valid": 3, "driver_fault": 4, "sync_lost": 6, "test_data": 7}
     assert (int(valves["status"][0]) & 0xD8) == sum(oracle[n] << bit for n, bit in places.items())
 
@@ -126,7 +127,7 @@ def test_the_dbc_files_read_slow_services_alike(data: bytes) -> None:
     assert slow["motor_torque"] == pytest.approx([oracle["motor_torque"]], rel=1e-12)
     assert slow["temperature"] == pytest.approx([oracle["temperature"]], rel=1e-12)
     warm = WHEEL.decode_message("TPDO2", data[:2])["temperature"]
-    assert read(shipped.WHEEL_SLOW, data[:2])["temperature"] == pytest.approx([warm], rel=1e-12)
+    assert read(wheels.SLOW, data[:2])["temperature"] == pytest.approx([warm], rel=1e-12)
     emergency, oracle = canopen.decode_emcy(data), JOINT.decode_message("EMCY", data)
     assert not isinstance(emergency, Reject)
     assert (emergency.code, emergency.register) == (oracle["code"], oracle["register"])
@@ -141,9 +142,9 @@ def test_the_dbc_files_read_slow_services_alike(data: bytes) -> None:
     [
         ("joint", 0x11, 1, 0x191, shipped.JOINT),
         ("joint", 0x11, 2, 0x291, shipped.JOINT_SLOW),
-        ("wheel", 0x21, 1, 0x1A1, shipped.WHEEL),
-        ("wheel", 0x21, 2, 0x2A1, shipped.WHEEL_SLOW),
-        ("thruster", 0x31, 1, 0x1B1, shipped.THRUSTER),
+        ("wheel", 0x21, 1, 0x1A1, wheels.REPORT),
+        ("wheel", 0x21, 2, 0x2A1, wheels.SLOW),
+        ("thruster", 0x31, 1, 0x1B1, thrusters.REPORT),
     ],
 )
 def test_the_eds_files_map_the_pdos_alike(
