@@ -113,9 +113,8 @@ class DescribedBusSource:
         usable = good_status & np.isfinite(values[:, POSITION]) & (index >= 0)
         for k in np.flatnonzero(~usable).tolist():
             if index[k] < 0:
-                text = self._samples.movement if crept[k] else "no time"
                 fault = Fault.SYNC_CREEPS if crept[k] else None
-                self._refuse(joint[k], int(timed.done_ns[k]), Reject.STALE, 0, text, fault)
+                self._refuse(joint[k], int(timed.done_ns[k]), Reject.STALE, 0, "no time", fault)
             else:
                 text = f"status 0x{status[k]:x}" if not good_status[k] else "the invalid value"
                 self._refuse(joint[k], int(timed.done_ns[k]), Reject.STATUS, 0, text)
@@ -153,7 +152,10 @@ class DescribedBusSource:
             Reject.STALE: Fault.JOINT_COUNTER,
             Reject.STATUS: Fault.ENCODER_FAULT,
         }
-        if (found := fault or known.get(reason)) is not None:
+        found = fault or known.get(reason)
+        if found is Fault.SYNC_CREEPS:  # of the bus
+            self._found.append(Finding(t_ns, found, self._bus.name, self._samples.movement))
+        elif found is not None:
             self._find(t_ns, found, place, text)
 
     def _find(self, t_ns: int, fault: Fault, place: int, text: str) -> None:

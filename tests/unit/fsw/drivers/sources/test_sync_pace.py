@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +12,8 @@ from fsw.drivers.sources.sync_pace import STEPS, SyncPace, steadiness
 from fsw.drivers.wire import CanFrame, frame_array
 from fsw.messages.findings import Fault
 from tests.unit.fsw.drivers.sources import test_thrusters, test_wheels
+from tests.unit.fsw.drivers.sources.test_described import made as described_joints
+from tests.unit.fsw.drivers.sources.test_described import use
 from tests.unit.fsw.drivers.sources.test_joints import cycle, source
 
 RATE_HZ, PERIOD_NS, BEGINS_S = 500.0, 2_000_000, 15.0
@@ -165,3 +168,26 @@ def test_joints_wheels_and_thrusters_of_the_bus_are_refused_counted_and_reported
         assert {one.subject for one in findings} == {"arm"}
     assert "stamps of SYNC have moved by" in found["wheels"][-1].text
     assert joints.counters["reject_stale"] == len(found["joints"])
+
+
+def test_described_joints_of_a_bus_whose_sync_creeps_report_the_bus(tmp_path: Path) -> None:
+    numbers = {"number": "unsigned", "bits": 8}
+    held = [{"name": "angle", "start": 0} | numbers, {"name": "count", "start": 8} | numbers]
+    message = {"name": "joint", "id": 0x1A1, "length": 2, "signals": held}
+    signals = {
+        "position": use("joint", "angle", unit="rad"), "counter": use("joint", "count"),
+    }  # fmt: skip
+    joints = described_joints(
+        tmp_path,
+        {"messages": [message], "rate_hz": RATE_HZ, "sync": "producer", "sync_counter_max": 240},
+        [{"torque": "none", "signals": signals, "timing": {"by": "echoed_counter"}}],
+    )
+    frames = []
+    for k in range(12_500):
+        sync = test_wheels.sync(k)
+        answer = CanFrame(sync.t_ns + 300_000, 0x1A1, bytes([k // 50 % 2, k % 240 + 1]))
+        frames += [crept(sync, k), answer]
+    joints.feed(frame_array(frames))
+    found = {(one.fault, one.subject) for one in joints.findings()}
+    assert (Fault.SYNC_CREEPS, "arm") in found
+    assert Fault.SYNC_CREEPS not in {fault for fault, subject in found if subject != "arm"}
