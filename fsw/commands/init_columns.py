@@ -13,7 +13,8 @@ TORQUE = _words("torque torques tau tauj effort eff trq tq moment")
 CURRENT = _words("iq current currents")
 SPEED = _words("velocity velocities vel qd dq dqj qdot speed")
 OTHER = _words("acceleration accelerations qdd ddq current currents i temperature temp")
-POSITION = _words("position positions pos q angle angles theta joint joints j")
+ANGLE = _words("position positions pos angle angles theta")
+POSITION = ANGLE | _words("q joint joints j")
 GYRO = _words("gyro gyr gyroscope angular omega rate w g angvel")
 FORCE = _words("acc accel accelerometer linear force specific a f")
 TURN = _words("quaternion quat q orientation attitude")
@@ -129,7 +130,7 @@ def positions_and_torques(groups: Sequence[Group]) -> tuple[Group | None, Group 
     Currents stand for torques that are not there.
     """
     torque = chosen(groups, TORQUE, SPEED | OTHER)
-    torque = torque or chosen(groups, CURRENT, SPEED | (OTHER - CURRENT))
+    torque = torque or chosen(groups, CURRENT, ANGLE | SPEED | (OTHER - CURRENT))
     position = chosen(groups, POSITION, TORQUE | SPEED | OTHER)
     bare = [group for group in groups if group.stem == "{}"]  # named as the joints themselves
     return position or next(iter(bare), None), torque

@@ -38,7 +38,7 @@ class Timed(NamedTuple):
     device: IntArray  # place in the list of devices
     number: IntArray  # running, UNKNOWN if the sample has no time
     t_ns: IntArray  # time of validity
-    done_ns: IntArray  # stamp of the last frame
+    done_ns: IntArray  # when the last frame had come and its cue was known
     values: FloatArray
     status: IntArray
     is_good: NDArray[np.bool_]  # by the status
