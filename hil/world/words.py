@@ -11,7 +11,7 @@ from pydantic_core import ErrorDetails
 
 LONGEST_VALUE = 60  # characters of a wrong value that a message repeats
 MOST_FAULTS = 4  # in one message
-REFERENCE = "docs/reference/scenario.md has every key"
+REFERENCE = "hil schema explains every key"
 WORDS = {  # by pydantic's type of fault, whose context has the bounds
     "greater_than": "must be above {gt:g}",
     "greater_than_equal": "must be at least {ge:g}",
