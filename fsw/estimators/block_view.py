@@ -49,7 +49,7 @@ class BlockView(Sequence[Block]):
 
 
 def changed(blocks: Sequence[Block], change: Change) -> BlockView:
-    """Return all blocks, each changed when it is read."""
+    """Return a view of all blocks that applies `change` to each one when it is read."""
     return BlockView(blocks, range(len(blocks)), change)
 
 

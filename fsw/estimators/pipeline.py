@@ -63,7 +63,7 @@ class Integrating(Protocol):
 
 @runtime_checkable
 class Screening(Protocol):
-    """An estimator that leaves channels of a block out."""
+    """An estimator that leaves out channels of a block that do not fit."""
 
     def screened(self, block: Block) -> Block:
         """Return the newest block without the channels that screening has left out."""

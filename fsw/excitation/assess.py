@@ -21,7 +21,10 @@ class Growth:
 
 
 def information_rows(subject: Subject, trajectory: Trajectory, rate_hz: float) -> FloatArray:
-    """Return the whitened rows (m, r, s) of every sample, times the square root of the step."""
+    """Return the whitened rows of every sample, times the square root of the time step.
+
+    (m, r, s): m samples at `rate_hz`, r rows each, s states of the kernel.
+    """
     layout, z = free_layout(trajectory)
     grid = Grid(layout, rate_hz)
     inputs = [*grid.motion(z), np.tile(subject.x[:, None], (1, grid.count))]
@@ -31,7 +34,7 @@ def information_rows(subject: Subject, trajectory: Trajectory, rate_hz: float) -
 
 
 def information_root(subject: Subject, trajectory: Trajectory, rate_hz: float) -> FloatArray:
-    """Return R with R^T R the information after a motion, prior included."""
+    """Return a triangle R (s, s): R^T R is the information of the prior and of the motion."""
     X = information_rows(subject, trajectory, rate_hz)
     stacked = np.vstack([subject.prior_root, X.reshape(-1, X.shape[2])])
     return criteria.triangular_root(stacked)

@@ -32,7 +32,11 @@ POWER = 8  # exponent of the power mean that replaces an extreme eigenvalue
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scale:
-    """Jacobian of the reported quantities by the bodies' states, their prior sigmas and weights."""
+    """How the states of the bodies become the p reported quantities, and how much each counts.
+
+    The quantities are mass, centre of mass and central inertia of every unknown body [kg, m,
+    kg m^2]; the states are its ten moments pi.
+    """
 
     T: FloatArray  # (p, p) d(report)/d(pi)
     prior_sigma: FloatArray  # (p,) of the reported quantities

@@ -55,9 +55,10 @@ class Trajectory:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SplineLayout:
-    """The free control points of a trajectory: they are the variables z (rows, n).
+    """Maps the variables z (rows, n) of the solver to the control points of a trajectory.
 
-    Row 0 is the start pose, the last row the end pose; a closed trajectory has no row for its end.
+    Row 0 of z is the start pose and the last row is the end pose [rad or m]. A closed trajectory
+    ends at its start and has no row for its end.
     """
 
     duration_s: float
@@ -85,7 +86,7 @@ class SplineLayout:
         return E
 
     def weights(self, t_s: FloatArray) -> FloatArray:
-        """Return weights (4, m, rows): weights[d] @ z is derivative d of q at times (m,)."""
+        """Return (4, m, rows): element d times z is derivative d of q at the times (m,) [s]."""
         weights: FloatArray = basis(self.duration_s, self.points, tuple(t_s.tolist()))
         return np.asarray(weights @ self.selection())
 
@@ -97,7 +98,7 @@ class SplineLayout:
 
 @lru_cache(maxsize=8)
 def basis(duration_s: float, points: int, t_s: tuple[float, ...]) -> FloatArray:
-    """Return (4, m, points): the basis functions and three derivatives at times t_s."""
+    """Return the basis functions and their three derivatives at times t_s, (4, m, points)."""
     inner = np.linspace(0.0, duration_s, points - DEGREE + 1)
     knots = np.concatenate([np.zeros(DEGREE), inner, np.full(DEGREE, duration_s)])
     curve = BSpline(knots, np.eye(points), DEGREE)

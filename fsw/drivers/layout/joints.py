@@ -68,7 +68,9 @@ class Layout:
 
 
 def layouts_of(config: Config, bus: BusConfig, section: str = "joints") -> dict[int, Layout]:
-    """Return the layouts of a bus's described devices of a section, by index in it.
+    """Return the layouts of the described devices of one section on one bus.
+
+    The keys are the devices' indices in `section` (`joints` or `wheels`).
 
     Raises
     ------

@@ -70,7 +70,10 @@ class ArrivalTracker:
         return arrival
 
     def finish_whole(self) -> list[Arrival]:
-        """Return the open chunk's arrivals; a frame wholly in a later chunk makes them final."""
+        """Return the arrivals of the open chunk, which are final, and begin with none.
+
+        Call it for a frame that is wholly in a later chunk.
+        """
         done, self._open = self._open, []
         return done
 

@@ -38,9 +38,12 @@ class JointEnd:
 
     Parameters
     ----------
-    steps_rad : resolution of every encoder; empty: all negligible
-    on_wire : positions are those of a tailored node
-    offset_ns : time of validity less the stamp that is judged
+    joints : index in the configuration and section of each joint of the bus
+    period_s : nominal time between two samples of a joint
+    steps_rad : resolution of every encoder [rad or m]; empty: all are negligible
+    on_wire : positions are those of tailored nodes, where a revolution of a prismatic joint is a
+        metre; False: they are in rad or m
+    offset_ns : time of validity of a sample less its stamp, which is judged
     """
 
     def __init__(

@@ -114,11 +114,17 @@ def settle(
 
 
 def fit(found: Sequence[tuple[FloatArray, int]], level: float, probability: float) -> list[bool]:
-    """Return which blocks fit, given the whitened residuals of each, and how many are its edge's.
+    """Return which blocks fit, in order.
 
-    A block that does not fit hands on a wrong motion, and the next ones do not fit their edges. Of
-    such a run only the first is left out, and those whose nodes do not fit either; once they hand
-    on no motion, the next round judges the others.
+    A block that does not fit hands on a wrong motion, so the blocks after it do not fit at their
+    edges. Of such a run this function leaves out the first block, and those whose nodes do not fit
+    either. These then hand on no motion, and the next round judges the others.
+
+    Parameters
+    ----------
+    found : per block its whitened residuals (r,), and how many of the last ones are of its edge
+    level : variance of the noise over the declared one
+    probability : of rejecting a block that fits
     """
     fits, follows = list[bool](), False
     for b, edge in found:

@@ -71,7 +71,10 @@ class Target:
 
 
 def reduced(*rows: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray]:
-    """Return at most p + 1 rows with the same A^T A, A^T b and b^T b, by orthogonal rotations."""
+    """Join pairs A (m, p), b (m,) of rows into one pair of at most p + 1 rows.
+
+    A^T A, A^T b and b^T b stay the same, because the rows are rotated only.
+    """
     stacked = np.vstack([np.column_stack(own) for own in rows])
     R = np.asarray(np.linalg.qr(stacked, mode="r"), np.float64)
     return R[:, :-1], R[:, -1]
@@ -263,7 +266,10 @@ def linear_covariance(
 
 
 def straighten(problem: Problem, target: Target, solution: BatchSolution) -> Widening:
-    """Return the solution's covariance, widened where its linearisation does not hold."""
+    """Return the solution's covariance (p, p), widened where the cost is not a parabola.
+
+    Along the weakest axes the cost is minimised with the axis held (its profile).
+    """
 
     def profile(normal: FloatArray, value: float, start: FloatArray) -> tuple[FloatArray, float]:
         def held(x: FloatArray) -> tuple[FloatArray, FloatArray]:

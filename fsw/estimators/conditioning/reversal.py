@@ -31,12 +31,14 @@ def _operators(m: int) -> tuple[FloatArray, FloatArray]:
 
 
 def shape(qd_rad_s: FloatArray, speed_rad_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return tanh(qd / v) after the fit, at the nodes, and its slope by the same node's rate.
+    """Return tanh(qd / v) after the fit, and its derivative by the rate at the same node [s/rad].
+
+    Both have the shape of `qd_rad_s`.
 
     Parameters
     ----------
-    qd_rad_s : (..., m, n) at the nodes of windows
-    speed_rad_s : (n,)
+    qd_rad_s : (..., m, n) rates of n joints at the m nodes of windows
+    speed_rad_s : (n,) the rate v at which friction reverses
     """
     E, P = _operators(qd_rad_s.shape[-2])
     values = np.tanh((E @ qd_rad_s) / speed_rad_s)
@@ -55,17 +57,20 @@ def _projector(m: int) -> FloatArray:
 
 
 def step(qd_rad_s: FloatArray, speed_rad_s: FloatArray) -> FloatArray:
-    """Return the rms (n,) of tanh(qd / v) in a window that a polynomial takes for noise."""
+    """Return the rms (n,) of what the window's polynomial leaves of tanh(qd / v).
+
+    The conditioner counts it as noise. `qd_rad_s` is (m, n) at the nodes, `speed_rad_s` is v (n,).
+    """
     m = len(qd_rad_s)
     left = _projector(m) @ np.tanh((_operators(m)[0] @ qd_rad_s) / speed_rad_s)
     return np.asarray(np.sqrt(np.mean(left**2, axis=0)), np.float64)
 
 
 def doubt(qd_rad_s: FloatArray, speed_rad_s: FloatArray) -> FloatArray:
-    """Return possible errors of the torque at the nodes (2, m, n), as shares of its friction.
+    """Return two possible errors of friction at the nodes (2, m, n), as shares of Coulomb friction.
 
-    The first is equal on both sides of the reversal (it is early or late, or the joint sticks), the
-    second is opposite (the reversal is sharper or more gradual).
+    The first error has one sign on both sides of the reversal (friction reverses early or late, or
+    the joint sticks). The second changes its sign there (friction reverses sharply or gradually).
     """
     E, P = _operators(qd_rad_s.shape[-2])
     odd = np.tanh((E @ qd_rad_s) / (DULLEST * speed_rad_s))

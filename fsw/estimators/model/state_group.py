@@ -95,7 +95,7 @@ class StateGroup:
 
     @property
     def field(self) -> str:
-        """Return the key within its section."""
+        """Return the configuration key without its section, such as `gyro_bias_sigma_rad_s`."""
         return self.key.partition(".")[2]
 
     @property

@@ -77,12 +77,15 @@ class Creep:
 
     @property
     def excess(self) -> FloatArray:
-        """Return the square of the movement (p, p) less what noise alone would show of it."""
+        """Return the covariance (p, p) that the change adds: `moved` squared less noise."""
         return np.asarray(_share(self.sigmas) * np.outer(self.moved, self.moved), np.float64)
 
     @property
     def is_refused(self) -> bool:
-        """Return whether chance does not explain the change, and a body moves by it."""
+        """Return whether the change refuses the estimate.
+
+        It does where chance does not explain it and it moves a body by more than HARM sigmas.
+        """
         return self.sigmas > REFUSED and self.harm > HARM
 
     def words(self) -> str:

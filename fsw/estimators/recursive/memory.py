@@ -364,9 +364,10 @@ def _joined(
 def data_within(
     prior: SquareRootInformation, mean: FloatArray, covariance: FloatArray
 ) -> SquareRootInformation:
-    """Return the data's information that leads from `prior` to this mean and covariance.
+    """Return the information that data must have added to `prior` to give this estimate.
 
-    It is zero in directions in which rounding makes the result less certain than the prior.
+    It is zero in directions in which rounding makes the estimate less certain than the prior.
+    `mean` is (p,), `covariance` is (p, p).
     """
     p = len(mean)
     precision = np.linalg.solve(covariance, np.eye(p))
