@@ -75,7 +75,11 @@ def sensitivity(
     qdd: FloatArray,
     applied: Applied = NOTHING,
 ) -> Sensitivity:
-    """Return predictions and exact Jacobians at x (p,) for one joint state (rad, rad/s, rad/s2)."""
+    """Return predictions and Jacobians at x (p,) for one joint state (rad, rad/s, rad/s2).
+
+    They are exact for a wrench and a momentum in `applied` that do not depend on x. The gyroscopic
+    wrench of wheels does, by the base's rate.
+    """
     pi, p, n = robot.stacked(x), len(x), robot.n
     H_b = robot.mass_columns(q) @ pi  # (6 + n, 6)
     H_bb, H_mb = H_b[:6], H_b[6:]
