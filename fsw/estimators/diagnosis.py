@@ -75,10 +75,12 @@ def gains(prior_covariance: FloatArray, covariance: FloatArray) -> tuple[FloatAr
 def prior_conflict(
     prior_mean: FloatArray, prior_covariance: FloatArray, mean: FloatArray, covariance: FloatArray
 ) -> tuple[float, int]:
-    """Return the squared whitened distance of the data's estimate from the prior, and its dof.
+    """Return how far the data's own estimate is from the prior, squared and whitened, and its dof.
 
-    Only combinations with a gain above CONFLICT_GAIN count. The distance d^T (F^-1 + P0)^-1 d is
-    written with the estimate's step from the prior, whose covariance is P0 - P if both agree.
+    With the step d, the data's information F and the prior's covariance P0 this is
+    d^T (F^-1 + P0)^-1 d. It is computed by the step from the prior to the posterior, whose
+    covariance is P0 - P if data and prior agree. Combinations of states with a gain of at most
+    CONFLICT_GAIN do not count. Means are (p,), covariances (p, p).
     """
     gain, W = gains(prior_covariance, covariance)
     step = W @ (mean - prior_mean)

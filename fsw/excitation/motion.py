@@ -165,7 +165,10 @@ def planned(
 def judged(
     subject: Subject, trajectory: spline.Trajectory, rate_hz: float, gamma: criteria.Gamma
 ) -> tuple[dict[str, float], FloatArray]:
-    """Return every criterion by name, and the information root of all states after the motion."""
+    """Return every criterion by name, and R: R^T R is the information after the motion.
+
+    R is of all states of the configuration, the criteria `cond` and `gamma` of the bodies alone.
+    """
     root = foreseen.foreseen_root(subject, trajectory)
     values = assess.all_criteria(subject, trajectory, rate_hz, gamma)
     return values | assess.fused_criteria(subject, root), root

@@ -223,7 +223,10 @@ def cost_of(prior: Prior, x: FloatArray, b: FloatArray) -> float:
 
 
 def to_theta(problem: Problem, x: FloatArray) -> FloatArray:
-    """Return the state (p,) with its bodies, made consistent, as log-Cholesky values."""
+    """Return the state (p,) with ten log-Cholesky values in the place of each unknown body's pi.
+
+    A body that cannot exist is replaced by the nearest one that can.
+    """
     theta = x.copy()
     for name in problem.unknown:
         k = problem.body(name)

@@ -180,7 +180,7 @@ def node_fit(
 def lower_fit(
     offsets_ns: bytes, windows: int, half_width_s: float, degree: int, nodes: int, higher: int
 ) -> NodeFit:
-    """Return `node_fit` of a lower degree, as part of the fit of a `higher` degree."""
+    """Return the fit of `degree`, whose factors are part of those of the `higher` degree."""
     within = node_fit(offsets_ns, windows, half_width_s, higher, nodes)
     return NodeFit(_seconds(offsets_ns, windows), half_width_s, degree, nodes, within)
 

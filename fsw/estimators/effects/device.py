@@ -17,7 +17,7 @@ Samples = tuple[IntArray, FloatArray]  # times (k,) [ns], values (k, width)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Driven:
-    """What drives the devices along a motion."""
+    """Inputs of the devices along a motion: wrenches that sensors feel, and firings."""
 
     wrench: Callable[[int, FloatArray], FloatArray]  # (k, 6) of a sensor at times (k,) [s]
     firings: Mapping[str, Sequence[tuple[float, float]]]  # start and duration [s], by device

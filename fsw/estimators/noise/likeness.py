@@ -46,7 +46,7 @@ KNOWN = 0.02  # least variance of a direction's score that the comparison of hal
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Likeness:
-    """Cost of residuals that are alike, and whether two halves of the data agree.
+    """How much residuals that are alike widen sigma, and whether two halves of the data agree.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ def likeness(
     *,
     repeats: bool = False,
 ) -> Likeness:
-    """Return what the likeness of residuals costs an estimate.
+    """Return how much residuals that are alike widen an estimate's sigma, and if halves agree.
 
     Parameters
     ----------
@@ -76,10 +76,10 @@ def likeness(
         fewer rows than most, where a channel was missing, count as white
     covariance : (p, p) of the estimate if the residuals were white
     level : variance of the noise over the declared one
-    nodes : number of nodes per block; rows are in the order of nodes, then kinds; rows of another
-        order, as of modes, are each a kind of their own
-    edges : number of last rows per block that are those of its edge, each a kind of its own
-    repeats : whether the residuals repeat with the motion, so that no lag is too long to count
+    nodes : number of nodes per block. The rows of a node stand together, in the same order at
+        each node. Where their number is no multiple of `nodes`, each row is a kind of its own
+    edges : per block how many of its last rows are of its edge; each of them is a kind of its own
+    repeats : whether residuals repeat with the motion; then products of any lag are counted
     """
     edges = edges or [0] * len(residuals)
     scale = level**-0.5

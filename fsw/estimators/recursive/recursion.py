@@ -164,7 +164,7 @@ class Recursion(Estimation):
         return units
 
     def settle(self, max_passes: int) -> None:
-        """Re-linearise everything until it no longer moves the estimate noticeably."""
+        """Re-linearise all stored blocks until the estimate stays, or `max_passes` times."""
         if self.linear or not len(self.memory):
             return
         limit = self.memory.passes + max_passes

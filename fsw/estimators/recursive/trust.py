@@ -210,7 +210,7 @@ class Trust:
         self._lasting = self._lasting + 1 if self.mismatch(level) else 0
 
     def is_doubtful(self, since: int) -> bool:
-        """Return whether `since` blocks since the start are too few to trust the model again."""
+        """Return whether `since` blocks since the start are too few to trust a suspect model."""
         return self.suspect and since < SUSPECT_BLOCKS
 
     def successor(self, blocks: int, changes: int) -> Trust:
