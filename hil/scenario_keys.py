@@ -67,12 +67,12 @@ def _keys(
         found = re.search(rf"^    {key}: [^#\n]*# (.*)$", block[0] if block else "", re.MULTILINE)
         required = key in section.get("required", ())
         given = REQUIRED if required else json.dumps(value.get("default"))
-        name = next(iter(re.findall(r'"#/\$defs/(\w+)"', json.dumps(value))), "")
-        kind = f"as {shown[name]}" if name in shown else "section"
+        names = list(dict.fromkeys(re.findall(r'"#/\$defs/(\w+)"', json.dumps(value))))
+        kind = next((f"as {shown[name]}" for name in names if name in shown), "section")
         yield Key(f"{prefix}{key}", _values(value, kind), given, found[1] if found else "")
-        if name and name not in shown:
+        many = {"array": "[]", "object": ".NAME"}.get(value.get("type", ""), "")
+        for name in (name for name in names if name not in shown):  # several: one of these
             shown[name] = f"{prefix}{key}"
-            many = {"array": "[]", "object": ".NAME"}.get(value.get("type", ""), "")
             yield from _keys(f"{prefix}{key}{many}.", whole["$defs"][name], whole, code, shown)
 
 
@@ -80,8 +80,8 @@ def _values(value: Mapping[str, Any], section: str) -> str:
     """Return the allowed values of a key in words; `section` stands for those of a section."""
     if "$ref" in value:
         return section
-    if "anyOf" in value:
-        return " or ".join(_values(option, section) for option in value["anyOf"])
+    if options := value.get("anyOf", value.get("oneOf")):
+        return " or ".join(dict.fromkeys(_values(option, section) for option in options))
     if "enum" in value or "const" in value:
         return ", ".join(json.dumps(v) for v in value.get("enum", [value.get("const")]))
     if "prefixItems" in value:

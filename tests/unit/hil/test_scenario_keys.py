@@ -48,3 +48,9 @@ def test_an_unknown_part_is_one_line(capsys):
         keys_of("sensors.imo")
     assert main(["schema", "sensors.imo"]) == 2
     assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_a_section_of_several_kinds_has_the_keys_of_each():
+    found = [key.name for key in keys_of("trajectories.sudden")]
+    assert found.count("trajectories.sudden.kind") == 3
+    assert {"trajectories.sudden.at_s", "trajectories.sudden.period_s"} <= set(found)
