@@ -155,7 +155,8 @@ class Estimation:
         memory, previous = self.memory, self.memory.at
         root = memory.information.R if self.problem.modes is not None else None
         point = self.pacing.point(wanted, previous, root)
-        self.pacing.begin(distance(memory.information.R, point - previous), self.since)
+        move = distance(memory.information.R, point - previous)
+        self.pacing.begin(move, self.since, previous, memory.misfit(previous))
         if step is None:
             memory.begin(point)
         else:
@@ -194,7 +195,7 @@ class Estimation:
             return False
         k = self.problem.bodies if self._in_doubt else None
         step = max(distance(root, self.x - x, k) for root in (R, memory.information.R))
-        self.pacing.end(step, memory.failed)
+        self.pacing.end(step, memory.failed, memory.misfit(memory.at))
         return True
 
     def _drift(self) -> float:

@@ -310,6 +310,12 @@ class Memory:
         levels = [float(np.mean((s.c - s.A @ x) ** 2)) for s in recent if len(s.c)]
         return np.array(levels), len(recent[-1].c) if recent else 0
 
+    def misfit(self, x: FloatArray) -> float:
+        """Return the mean squared whitened residual of the stored blocks at a state x (p,)."""
+        residuals = [s.c - s.A @ x for s in self._store if s.weight and s.made]
+        every = np.concatenate([np.zeros(0), *residuals])
+        return float(np.mean(every**2)) if every.size else 0.0
+
     def rows_at(self, x: FloatArray) -> tuple[list[Rows], list[Block]]:
         """Return rows at a state x (p,), A by the root of its weight, and the stored blocks."""
         every = [self._with_rows(stored) for stored in self._store if stored.weight]

@@ -15,7 +15,11 @@ WORTH = 0.01  # expected step of a pass below which the pass is not worth its ti
 FAR = 0.5  # whitened rms distance from the last point at which the expected step is not trusted
 LEAST_PULL = 1 / 16
 BACK = 0.5  # cosine between a move and the last one reversed, above which the move leads back
-_STATE = ("settled", "_last_move", "_last_step", "_last_since", "_pull", "_from")
+MISFIT = 2.0  # mean squared residual at a pass's point above which a pass must not raise it
+RETURN = 0.75  # share of a step that is taken back where it fits worse
+_OF_STEPS = ("_last_move", "_last_step", "_last_since", "_pull", "_from")
+_OF_FIT = ("_misfit", "_before", "_good", "_returns")
+_STATE = ("settled", *_OF_STEPS, *_OF_FIT)
 
 
 class Pacing:
@@ -31,6 +35,10 @@ class Pacing:
         self.settled, self._bound = settled, bound
         self._last_move = self._last_step = np.inf
         self._last_since = 1
+        self._before: FloatArray | None = None  # the point from which the last pass's came
+        self._misfit = np.inf  # there
+        self._good: FloatArray | None = None  # this point, if the last pass's fits worse
+        self._returns = False  # whether the last pass's point took a step back
         self._pull = 1.0  # share of the way to the estimate that the next pass's point moves
         self._from: FloatArray | float = 0.0  # point before the last pass's, used with R
 
@@ -60,7 +68,12 @@ class Pacing:
         """Return the next pass's point: not all the way to `wanted` after passes that failed.
 
         With the root R of an information, a move that leads back is halved: passes oscillate there.
+        Most of a step to a point that fits worse is taken back, because it was longer than its
+        linearisation holds; Gauss-Newton steps may diverge otherwise.
         """
+        good, self._good, self._returns = self._good, None, self._good is not None
+        if good is not None:
+            return previous + RETURN * (good - previous)
         pull = self._pull
         if R is not None:
             now, last = R @ (wanted - previous), R @ (previous - self._from)
@@ -69,13 +82,24 @@ class Pacing:
             self._from = previous
         return wanted if pull >= 1 else previous + pull * (wanted - previous)
 
-    def begin(self, move: float, since: int) -> None:
-        """Record how far the point of a pass lies from the one before, and the blocks so far."""
-        self._last_move, self._last_since = move, since
+    def begin(self, move: float, since: int, previous: FloatArray, misfit: float) -> None:
+        """Record how far the point of a pass lies from the one before, and the blocks so far.
 
-    def end(self, step: float, failed: int) -> None:
-        """Record by how much a pass moved the estimate, and in how many blocks it failed."""
+        Parameters
+        ----------
+        previous, misfit : the point before, and the mean squared whitened residual there
+        """
+        self._last_move, self._last_since = move, since
+        self._before, self._misfit = previous, misfit
+
+    def end(self, step: float, failed: int, misfit: float) -> None:
+        """Record by how much a pass moved the estimate, in how many blocks it failed, and its fit.
+
+        `misfit` is the mean squared whitened residual at the pass's point.
+        """
         self._pull = max(self._pull / 2, LEAST_PULL) if failed else min(1.0, self._pull * 2)
+        is_worse = misfit > max(self._misfit, MISFIT)
+        self._good = self._before if is_worse and not self._returns else None
         self._last_step = step
         self.settled = step < self._bound and failed == 0
 
