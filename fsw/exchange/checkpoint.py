@@ -18,7 +18,7 @@ from fsw.errors import WRONG_CONTENT, FswError
 from fsw.messages import Block, Snapshot
 
 MAGIC = b"FSWCKPT\n"
-FORMAT_VERSION = 10  # rises with every change of the content of states
+FORMAT_VERSION = 11  # rises with every change of the content of states
 _HEAD = struct.Struct("<8sHIIQQ")
 _CRC = struct.Struct("<I")
 _ARRAY = 1

@@ -98,10 +98,10 @@ class Pacing:
         `misfit` is the mean squared whitened residual at the pass's point.
         """
         self._pull = max(self._pull / 2, LEAST_PULL) if failed else min(1.0, self._pull * 2)
-        is_worse = misfit > max(self._misfit, MISFIT)
-        self._good = self._before if is_worse and not self._returns else None
         self._last_step = step
         self.settled = step < self._bound and failed == 0
+        is_worse = misfit > max(self._misfit, MISFIT) and not self.settled
+        self._good = self._before if is_worse and not self._returns else None
 
     def found_idle(self, step: float) -> None:
         """Record by how much a pass not worth its time would have moved the estimate."""
