@@ -20,7 +20,7 @@ from evidence.campaign.work import rows_of, rows_of_lost
 from evidence.store import JOURNAL
 from hil.world.scenario import ScenarioError
 
-ROOT = Path(__file__).parents[5]
+ROOT = Path(__file__).parents[4]
 FILE = """
 level: sample
 seeds: {first: 5, count: 6}

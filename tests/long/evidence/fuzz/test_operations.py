@@ -155,5 +155,5 @@ def test_a_block_is_the_same_when_it_is_resumed(tmp_path: Path, monkeypatch: pyt
 
 
 def test_the_corpus_of_a_campaign_still_passes(bench: OperationsBench):
-    for path in sorted((Path(__file__).parents[4] / "corpus" / "operations").iterdir()):
+    for path in sorted((Path(__file__).parents[3] / "corpus" / "operations").iterdir()):
         play(bench, path.read_bytes())
