@@ -130,7 +130,7 @@ def _warnings(config: Config) -> list[str]:
     is_blind = all(joint.torque == "none" for joint in config.joints) and not config.wrench_sensors
     if config.base.motion == "clamped" and is_blind:
         found.append(
-            "joints[].torque: none has one; on a clamped base only torques, or wrench_sensors, "
+            "joints[].torque: all are none; on a clamped base only torques, or wrench_sensors, "
             "show a body"
         )
     found += _mounting_warnings(config)

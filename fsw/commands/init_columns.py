@@ -125,7 +125,7 @@ def chosen(
 
 
 def positions_and_torques(groups: Sequence[Group]) -> tuple[Group | None, Group | None]:
-    """Return the groups of the joints' positions and torques; None: there is none.
+    """Return the groups of the joints' positions and torques, None for one not found.
 
     Currents stand for torques that are not there.
     """

@@ -24,8 +24,7 @@ class CensoredTorques:
     def __init__(self, config: Config) -> None:
         rates = {bus.name: bus.rate_hz for bus in config.buses}
         self._joints = [
-            (joint.name, joint.torque_limit_nm, rates[joint.bus] if joint.bus else 0.0)
-            for joint in config.joints
+            (joint.name, joint.torque_limit_nm, rates[joint.bus]) for joint in config.joints
         ]
 
     def judge(self, window: Window) -> tuple[Window, Sequence[Finding]]:

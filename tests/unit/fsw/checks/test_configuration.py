@@ -29,7 +29,7 @@ def test_a_clamped_arm_without_torques_is_said_to_show_no_body(arm):
     seeing = arm.data["joints"]
     arm.data["joints"] = [own | {"torque": "none"} for own in blind]
     _, warnings = validate(load(arm.write()))
-    assert any("joints[].torque: none has one; on a clamped base" in own for own in warnings)
+    assert any("joints[].torque: all are none; on a clamped base" in own for own in warnings)
     arm.data["joints"] = [seeing[0], *arm.data["joints"][1:]]
     _, warnings = validate(load(arm.write()))
     assert not any("joints[].torque" in own for own in warnings)
