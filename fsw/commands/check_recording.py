@@ -92,8 +92,8 @@ def check_recording(
     lines += [f"doubtful: {text}" for text in filter(None, [verdict.doubtful])]
     lines += exact_risks(trial)
     lines.append(_residual_words(verdict, config))
-    is_told = NOTHING <= verdict.before <= LARGE
-    return lines, is_told and not (wrong or ranged or found.wrong or turned or told)
+    is_small = NOTHING <= verdict.before <= LARGE
+    return lines, is_small and not (wrong or ranged or found.wrong or turned or told)
 
 
 def contradictions(

@@ -71,33 +71,24 @@ def _amplitudes(config: Config) -> str:
 
 
 CAUSE = "modes of the base"
-MASS = StateGroup(  # relative error of the inertia of each mode
-    name="mode_mass",
-    effect="mass of modes",
-    unit="",
-    key="modes[].mass_sigma_ratio",
-    cause=CAUSE,
-    prior=_each("mass_sigma_ratio"),
-    is_judged=True,
-)
-FREQUENCY = StateGroup(  # logarithm of the factor on the configured frequency
-    name="mode_frequency",
-    effect="frequency of modes",
-    unit="",
-    key="modes[].frequency_sigma_ratio",
-    cause=CAUSE,
-    prior=_each("frequency_sigma_ratio"),
-    is_judged=True,
-)
-DAMPING = StateGroup(  # logarithm of the factor on the configured damping ratio
-    name="mode_damping",
-    effect="damping of modes",
-    unit="",
-    key="modes[].damping_sigma_ratio",
-    cause=CAUSE,
-    prior=_each("damping_sigma_ratio"),
-    is_judged=True,
-)
+
+
+def _error(of: str) -> StateGroup:
+    """Return the states of the errors of one quantity, a state for each mode."""
+    return StateGroup(
+        name=f"mode_{of}",
+        effect=f"{of} of modes",
+        unit="",
+        key=f"modes[].{of}_sigma_ratio",
+        cause=CAUSE,
+        prior=_each(f"{of}_sigma_ratio"),
+        is_judged=True,
+    )
+
+
+MASS = _error("mass")  # relative, of the inertia
+FREQUENCY = _error("frequency")  # logarithm of the factor on the configured value
+DAMPING = _error("damping")  # likewise, of the damping ratio
 START = StateGroup(  # coordinates, then rates, at the start of the data [m or rad, and per s]
     name="mode_start",
     effect="modes that swing already when the motion begins",
