@@ -8,15 +8,27 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from fsw.commands.api import Identification, Recording, identify, load, plan, replay, report
+    from fsw.commands.api import (
+        Findings,
+        Identification,
+        Recording,
+        check,
+        identify,
+        load,
+        plan,
+        replay,
+        report,
+    )
     from fsw.commands.arrays import Samples
     from fsw.commands.robot import Robot
 
 __all__ = [
+    "Findings",
     "Identification",
     "Recording",
     "Robot",
     "Samples",
+    "check",
     "identify",
     "load",
     "plan",

@@ -6,7 +6,8 @@ the body: B for the base, E for a target. Wrong input raises ConfigError with on
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from math import inf
@@ -15,7 +16,10 @@ from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 
+from fsw.checks.configuration import validate
 from fsw.commands.arrays import Samples
+from fsw.commands.calls import T, in_calls
+from fsw.commands.check_recording import check_recording, verdict_line
 from fsw.commands.export_body import FORMATS
 from fsw.commands.identified_body import Body, body_of
 from fsw.commands.identify import Evidence, to_text
@@ -28,7 +32,7 @@ from fsw.commands.report.live import LIVE, in_the_background, recording_of, stat
 from fsw.commands.robot import Criterion, Folder, Method, Robot, Weighting, one_of
 from fsw.commands.span import Span
 from fsw.commands.threads import on_one_thread
-from fsw.errors import ConfigError
+from fsw.errors import ConfigError, EstimatorError
 from fsw.exchange.recording_parts import contents_of, parts_of
 from fsw.messages import FloatArray
 from fsw.service.recorder import recorded_config
@@ -63,6 +67,18 @@ class Recording:
         """
         folder = Folder()
         return Robot(recorded_config(self.path, folder.path), folder=folder)
+
+    def texts(self, value: T) -> T:
+        """Return texts of a result with calls in the place of commands if arrays made it."""
+        return in_calls(value, self.path) if self.notes else value
+
+    @contextmanager
+    def named(self) -> Iterator[None]:
+        """Raise the errors of the block with their text as `texts` returns it."""
+        try:
+            yield
+        except (ConfigError, EstimatorError) as error:
+            raise type(error)(self.texts(str(error))) from error
 
     def __repr__(self) -> str:
         return f"Recording({self.path}: {', '.join(self.channels)})"
@@ -124,7 +140,20 @@ class Identification:
         return FORMATS[kind](body_of(self.values, body))
 
     def __str__(self) -> str:
-        return to_text(self.values)
+        text = to_text(self.values)
+        return in_calls(text) if self.values.get("input") else text
+
+
+@dataclass(frozen=True, slots=True)
+class Findings:
+    """What `check` found, printed as `fsw check CONFIG RECORDING` prints it."""
+
+    lines: tuple[str, ...]  # one for each finding; WRONG: of a mistake
+    agree: bool  # whether the data fit the robot
+    verdict: str
+
+    def __str__(self) -> str:
+        return "\n".join([*self.lines, self.verdict])
 
 
 def load(path: Path | str) -> Recording:
@@ -135,6 +164,37 @@ def load(path: Path | str) -> Recording:
     ConfigError when a file cannot be read or is not an MCAP file.
     """
     return Recording(path)
+
+
+@on_one_thread
+def check(
+    recording: Source,
+    robot: Robot | None = None,
+    *,
+    from_s: float = 0.0,
+    to_s: float = inf,
+    progress: Callable[[str], None] = lambda _text: None,
+) -> Findings:
+    """Compare a robot with its data; name the usual mistakes: signs, units, order, mounting.
+
+    Parameters
+    ----------
+    robot : robot of the recording; None: the configuration inside the recording
+    from_s, to_s : the part of the recording to use [s from its start]
+    progress : called with a line of text at every step
+
+    Raises
+    ------
+    ConfigError if recording and configuration do not fit.
+    """
+    held, robot = _pair(recording, robot)
+    with held.named():
+        problem, _ = validate(robot.config)
+        lines, agree = check_recording(
+            held.path, robot.config, problem, progress, Span(from_s, to_s)
+        )
+    verdict = held.texts(verdict_line(held.path, robot.config, agree))
+    return Findings(tuple(held.texts(lines)), agree, verdict)
 
 
 @on_one_thread
@@ -182,10 +242,12 @@ def identify(
             write_identified(values, evidence, held.path, chosen.config, span, Path(report))
 
     shown = None if report is None else show
-    values = identify_recording(
-        held.path, chosen.config, method, (), progress, span, holdout, empty, shown
-    )
-    return Identification(values | ({"input": list(held.notes)} if held.notes else {}))
+    with held.named():
+        values = identify_recording(
+            held.path, chosen.config, method, (), progress, span, holdout, empty, shown
+        )
+    noted = {"input": list(held.notes)} if held.notes else {}
+    return Identification(held.texts(values) | noted)
 
 
 @on_one_thread
@@ -211,7 +273,8 @@ def replay(
     """
     held, robot = _pair(recording, robot)
     span = Span(from_s, to_s)
-    return replay_recording(held.path, robot.config, span=span, progress=progress)
+    with held.named():
+        return replay_recording(held.path, robot.config, span=span, progress=progress)
 
 
 @on_one_thread

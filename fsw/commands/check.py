@@ -8,6 +8,7 @@ from pathlib import Path
 from file_delivery.extras import needs
 from fsw.checks.configuration import missing_devices, validate
 from fsw.checks.outputs import validate_outputs
+from fsw.commands.check_recording import check_recording, verdict_line
 from fsw.commands.describe import describe
 from fsw.commands.progress import Progress
 from fsw.config import Config
@@ -28,8 +29,7 @@ def check(config: Config, other: Path | None) -> tuple[str, bool]:
     problem, warnings = validate(config)
     if other is not None and other.suffix not in YAML_ENDINGS:
         lines, agree = _judged(other, config, problem)
-        verdict = "agree" if agree else "do not agree; see the lines with WRONG"
-        return "\n".join([*lines, f"{other} and {config.name} {verdict}"]), agree
+        return "\n".join([*lines, verdict_line(other, config, agree)]), agree
     validate_outputs(config)
     if config.telemetry is not None:
         from fsw.telemetry.link.uplink_configuration import check_uplink
@@ -55,7 +55,6 @@ def check(config: Config, other: Path | None) -> tuple[str, bool]:
 def _judged(other: Path, config: Config, problem: Problem) -> tuple[list[str], bool]:
     """Return one line for each finding in a recording or a CAN log, and whether the data agree."""
     from fsw.commands.check_log import as_recording, frame_findings, is_log, lacking
-    from fsw.commands.check_recording import check_recording
     from fsw.commands.importing.tables import TABLES
 
     with Progress("check") as progress:

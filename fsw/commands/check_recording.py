@@ -96,6 +96,12 @@ def check_recording(
     return lines, is_small and not (wrong or ranged or found.wrong or turned or told)
 
 
+def verdict_line(recording: Path, config: Config, agree: bool) -> str:
+    """Return the last line of the findings."""
+    verdict = "agree" if agree else "do not agree; see the lines with WRONG"
+    return f"{recording} and {config.name} {verdict}"
+
+
 def contradictions(
     recording: Path,
     config: Config,

@@ -107,7 +107,7 @@ class ReplayResult:
             f"{event['t_s']:.2f} s {event['severity']} {event['code']}: {event['text']}"
             for event in shown
         ]
-        lines.append(f"{len(self.events)} events, {len(shown)} shown; --json has all")
+        lines.append(f"{len(self.events)} events, {len(shown)} shown; the field events has all")
         lines.append(f"wall {self.wall_s:.2f} s")
         return "\n".join(lines)
 

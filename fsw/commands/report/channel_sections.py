@@ -88,7 +88,7 @@ def wide_words(c: Collected) -> list[str]:
     named = ", ".join(f"{name} {rms:.2g} times" for name, rms in wide.items())
     return [
         f"WIDER THAN THEIR SIGMA: residuals of {named}. The noise is larger than declared, or the "
-        "model lacks something there: fsw check CONFIG RECORDING says which."
+        "model lacks something there: fsw check CONFIG RECORDING (fsw.check in Python) says which."
     ]
 
 

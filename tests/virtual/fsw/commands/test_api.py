@@ -42,7 +42,7 @@ from fsw.commands.threads import on_one_thread
 def threads():
     return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
 
-for name in ("identify", "plan", "replay", "report"):
+for name in ("check", "identify", "plan", "replay", "report"):
     assert hasattr(getattr(api, name), "__wrapped__")
 print(threads(), on_one_thread(threads)(), threads())
 """
@@ -97,6 +97,12 @@ def test_identify_gives_what_the_command_prints(flown, capsys):
     payload = json.loads(found.export("json"))
     assert payload["mass_kg"] == pytest.approx(found.values["estimate"]["target"]["mass_kg"])
     assert str(found).startswith("mrnea, unknown target")
+
+
+def test_check_gives_what_the_command_prints(flown, capsys):
+    path, config = flown / "recording.mcap", flown / "flight.yaml"
+    assert main(["check", str(config), str(path)]) == 0
+    assert f"{fsw.check(path, fsw.Robot(config))}\n" == capsys.readouterr().out
 
 
 def test_the_recording_brings_its_own_robot(flown):

@@ -1,7 +1,8 @@
 """NumPy arrays with a URDF: the estimate of a recording of them, and sensors that are the arrays'.
 
 Bounds, set before the first run: arrays and the recording that `fsw import` makes of them give the
-same bits; the robot that code describes finds the body within 4 sigma of the truth.
+same bits and the same findings; the robot that code describes finds the body within 4 sigma of the
+truth; a mistake in an array is named, and no text about arrays names a command or a file.
 """
 
 import json
@@ -17,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 import fsw
 from fsw.__main__ import main
-from fsw.errors import ConfigError
+from fsw.errors import ConfigError, FswError
 from hil.run.bench import Setup, prepare
 from tests.conftest import arm_urdf
 from tests.support.sampled_cases import as_arrays, in_the_robots_axes, sampled, sampled_config
@@ -103,6 +104,66 @@ def test_a_robot_in_code_finds_the_body(lab):
     for key, true in zip(("mass_kg", "com_m", "inertia_kg_m2"), truth, strict=True):
         estimate, sigma = (found.values[name]["target"][key] for name in ("estimate", "sigma"))
         assert np.abs(np.subtract(estimate, true) / sigma).max() < 4.0, (key, str(found))
+
+
+def reversed_torque(lab: Arrays) -> fsw.Samples:
+    return lab.samples(tau=lab.held["tau"] * np.array([1.0, -1.0, *[1.0] * 5]))
+
+
+def test_check_finds_in_arrays_what_the_command_finds_in_their_recording(lab, tmp_path, capsys):
+    recording = imported(lab, tmp_path)
+    capsys.readouterr()
+    assert main(["check", str(lab.config), str(recording)]) == 0
+    theirs = capsys.readouterr().out.splitlines()[:-1]  # the last line names the file
+    found = fsw.check(lab.samples(), fsw.Robot(lab.config))
+    assert found.agree
+    assert list(found.lines) == theirs
+    assert str(found).splitlines()[-1] == f"samples and {lab.config} agree"
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"tau": -1.0}, "(joint2): its torque alone counts the other way"),
+        ({"q": 180.0 / np.pi}, "the angles are in degrees, not in rad"),
+        ({"gyro_rad_s": 180.0 / np.pi}, "its rates are in degrees/s, not in rad/s"),
+    ],
+)
+def test_check_names_the_mistake_in_an_array(lab, change, words):
+    (name, factor), scale = *change.items(), np.ones(7)
+    if name == "tau":
+        scale[1] = factor
+    else:
+        scale[:] = factor
+    values = lab.held[name]
+    found = fsw.check(
+        lab.samples(**{name: values * scale[: values.shape[1]]}), fsw.Robot(lab.config)
+    )
+    assert not found.agree
+    assert any("WRONG" in line and words in line for line in found.lines), str(found)
+
+
+def test_a_clock_that_differs_is_a_shift_of_the_times(lab):
+    """There is no `fsw import` of arrays."""
+    shifted = lab.samples(t_imu_s=lab.held["t_imu_s"] + 0.03)
+    found = fsw.check(shifted, fsw.Robot(lab.config))
+    assert re.search(r"add (-0.0\d+) s to its stamps \(t_imu_s \+ \1\)", str(found)), str(found)
+    assert "fsw import" not in str(found)
+
+
+def test_a_result_of_arrays_names_no_command(lab):
+    found = fsw.identify(reversed_torque(lab), fsw.Robot(lab.config))
+    text = f"{found} {json.dumps(found.values)}"
+    assert not found.valid
+    assert "fsw.check(samples, robot)" in text
+    assert re.findall(r"fsw [a-z]+|--[a-z]+|CONFIG|\S*\.mcap", text) == []
+
+
+def test_an_error_about_arrays_names_no_file(lab):
+    with pytest.raises(FswError) as raised:
+        fsw.identify(lab.samples(), fsw.Robot(lab.config), to_s=0.4)
+    assert str(raised.value).startswith("samples: "), raised.value
+    assert re.findall(r"fsw [a-z]+|--[a-z]+|CONFIG|\S*\.mcap", str(raised.value)) == []
 
 
 def arm(folder: Path, **choices: Any) -> fsw.Robot:
