@@ -11,6 +11,7 @@ from pydantic import (
 )
 
 from fsw.config.base import (
+    DelaySigma,
     Duration,
     Finite,
     Rate,
@@ -78,6 +79,9 @@ class BusConfig(Section):
     latch_offset_s: Finite = 0.0
     """time of validity of a joint sample minus the stamp of its SYNC, or of the request that it
     answers; shorter than a SYNC period"""
+    delay_sigma_s: DelaySigma = 0.0
+    """1 sigma of a constant delay of all samples of its joints against the inertial unit, a state;
+    at most a tenth of `estimator.window_s`. 0: exact"""
     heartbeat_s: Duration | None = None
     """period of the computer's heartbeat (node 0x01) on this bus; null: none is sent"""
     redundant: RedundantBusConfig | None = None

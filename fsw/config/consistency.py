@@ -6,9 +6,11 @@ from fsw.config.buses import BusConfig
 from fsw.config.joints import JointConfig
 from fsw.config.processing import EstimatorConfig
 from fsw.config.robot import METHODS_HELD, BaseConfig, BodyConfig
+from fsw.config.sensors import ImuConfig
 
 NAMED_BY_PLACE = ("base", "target")
 FRAMES = "base is the root link, target in robot.tool_frame, any other body in a frame of its own"
+MOST_DELAY = 0.1  # of a window, beyond which its polynomial is not extended
 HEARTBEATS_MISSED = 1.5  # nodes that toggle after fewer heartbeats would leave a healthy bus
 SYNCS_UNANSWERED = 5  # fewer unanswered SYNCs may be chance
 
@@ -57,6 +59,26 @@ def method_has_its_torques(method: str, joints: Sequence[JointConfig]) -> None:
             f"estimator.method: 'mrnea' needs the torque of every joint; {blind[0]!r} has "
             "torque: none; must be fused, rda or cm"
         )
+
+
+def delays_fit(
+    joints: Sequence[JointConfig], buses: Sequence[BusConfig], imu: ImuConfig, window_s: float
+) -> None:
+    """Raise ValueError for a delay in the model beyond a tenth of a window, or against no unit."""
+    against_unit = {"imu.delay_sigma_s": imu.delay_sigma_s}
+    against_unit |= {f"buses.{i}.delay_sigma_s": bus.delay_sigma_s for i, bus in enumerate(buses)}
+    delays = dict(against_unit)
+    for i, joint in enumerate(joints):
+        own = {key: getattr(joint, key) for key in ("torque_delay_s", "torque_delay_sigma_s")}
+        delays |= {f"joints.{i}.{key}": value for key, value in joint.named(own).items()}
+    for key, value in delays.items():
+        if abs(value) > window_s * MOST_DELAY:
+            raise ValueError(
+                f"{key}: {value:g} must be at most {MOST_DELAY:g} estimator.window_s, "
+                f"{window_s * MOST_DELAY:g}"
+            )
+        if value and key in against_unit and not (imu.present and joints):
+            raise ValueError(f"{key}: {value:g} without joints and imu; must be 0")
 
 
 def redundancy_works(i: int, bus: BusConfig) -> None:

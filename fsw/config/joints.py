@@ -22,6 +22,8 @@ from fsw.config.base import (
     AngleNoise,
     AngleSigma,
     CorrelationTime,
+    DelayError,
+    DelaySigma,
     Finite,
     Gain,
     Periods,
@@ -52,6 +54,8 @@ WITHOUT_TORQUE = {  # values for a joint without torque sensor: the noise makes 
     "ripple_sigma_nm": 0.0,
     "ripple_periods": (),
     "torque_model_sigma_nm": 0.0,
+    "torque_delay_s": 0.0,
+    "torque_delay_sigma_s": 0.0,
 }
 OF_MOTOR_CURRENT = {  # wide priors of what stands between motor and link, as shares of the limit
     "friction_coulomb_sigma_nm": 0.1,
@@ -183,6 +187,11 @@ class JointConfig(Section):
     torque_model_correlation_s: CorrelationTime = 0.1
     """time in which that fades by e. Up to `estimator.window_s`; what is slower is an offset,
     friction or an error of the links, which have keys of their own"""
+    torque_delay_s: DelayError = 0.0
+    """by which the torque of a sample is later than its angle, as a filter or a second source makes
+    it; written by `fsw calibrate motion`"""
+    torque_delay_sigma_s: DelaySigma = 0.0
+    """1 sigma of it, a state; at most a tenth of `estimator.window_s`. Not known: 0.01; 0: exact"""
     encoder: Literal["position", "speed"] = "position"
     """`speed`: the node measures speed and no angle (a tachometer, an encoder without index). The
     angle is then integrated from `start_rad`; `position_noise_rad` and `zero_offset_rad` are left

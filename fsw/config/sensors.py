@@ -18,6 +18,7 @@ from fsw.config.base import (
     AngleNoise,
     AngleSigma,
     Delay,
+    DelaySigma,
     Finite,
     Length,
     Matrix3,
@@ -129,6 +130,9 @@ class ImuConfig(Section):
     """delay of the unit's filter, not contained in the latency field; at most 0.1"""
     acc_group_delay_s: Delay
     """likewise of the accelerometer, usually another; at most 0.1"""
+    delay_sigma_s: DelaySigma = 0.0
+    """1 sigma of each of the two against the joints, two states; at most a tenth of
+    `estimator.window_s`. 0: exact"""
     angle_random_walk_rad_sqrt_s: RandomWalk
     """white noise density of the gyro, rad/sqrt(s); 0.15 deg/sqrt(h) is 4.36e-5"""
     velocity_random_walk_m_s_sqrt_s: RandomWalk

@@ -9,6 +9,7 @@ from fsw.config.base import (
     SMALLEST,
     UNIT_TOLERANCE,
     Delay,
+    DelaySigma,
     Rate,
     ScaleSigma,
     Section,
@@ -22,7 +23,6 @@ RotorInertia = Annotated[float, Field(ge=1e-9, le=1e4, allow_inf_nan=False)]
 RotorSpeed = Annotated[float, Field(gt=0, le=1e4, allow_inf_nan=False)]
 RotorSpeedNoise = Annotated[float, Field(ge=SMALLEST, le=1e3, allow_inf_nan=False)]
 RotorTorque = Annotated[float, Field(gt=0, le=1e3, allow_inf_nan=False)]
-DelaySigma = Annotated[float, Field(ge=0, le=0.1, allow_inf_nan=False)]
 
 
 class WheelConfig(Section):

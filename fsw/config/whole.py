@@ -13,6 +13,7 @@ from fsw.config.buses import BusConfig
 from fsw.config.consistency import (
     base_goes_with,
     bodies_have_their_keys,
+    delays_fit,
     method_has_its_torques,
     redundancy_works,
     require_one_device_each,
@@ -258,6 +259,7 @@ class Config(Section):
         base_goes_with(self.base, self.unknown, self.estimator, orbit=self.orbit is not None)
         modes_go_with(self.modes, self.joints, self.estimator, self.base.motion)
         bodies_have_their_keys(self.bodies, self.unknown)
+        delays_fit(self.joints, self.buses, self.imu, self.estimator.window_s)
         for i, bus in enumerate(self.buses):
             ratio = self.scheduler.tick_rate_hz / bus.rate_hz
             if bus.feed is None and (abs(ratio - round(ratio)) > 1e-9 or ratio < 1):

@@ -13,11 +13,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.polynomial import legendre
 from scipy.linalg import solve_triangular
 
 from fsw.config import Config
-from fsw.estimators.conditioning.polynomial import gauss_nodes
+from fsw.estimators.conditioning.polynomial import differentiation, gauss_nodes
 from fsw.estimators.measurement.block_stack import stacks_of
 from fsw.estimators.measurement.fused import predict
 from fsw.estimators.measurement.impulse import Impulse, integration
@@ -130,10 +129,7 @@ def half_ns(block: Block) -> float:
 
 def derivative(values: FloatArray, half_s: float) -> FloatArray:
     """Return the time derivative (m, k) at the nodes of the polynomial through `values` (m, k)."""
-    nodes, m = gauss_nodes(len(values)), len(values)
-    coefficients = np.linalg.solve(legendre.legvander(nodes, m - 1), values)
-    slope = legendre.legval(nodes, legendre.legder(coefficients))
-    return np.asarray(slope.T / half_s, np.float64)
+    return differentiation(len(values)) @ values / half_s
 
 
 def late(values: FloatArray, delays_s: FloatArray, half_s: float) -> FloatArray:

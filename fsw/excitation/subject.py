@@ -122,7 +122,7 @@ def build_subject(
     sigma = np.sqrt(np.diag(T @ covariance[:p, :p] @ T.T))
     scale = Scale(T=T, prior_sigma=sigma, weights=_weights(names, weights or {}))
     apart = (problem.at("wrench"), problem.at("target_wrench"))
-    w = np.r_[(*apart, *(term.states for term in problem.torque_terms))]
+    w = np.r_[(*apart, *(own.states for own in (*problem.torque_terms, problem.delays)))]
     root, wide = (
         prior_root(np.delete(np.delete(known, w, 0), w, 1))
         for known in (covariance, problem.prior_covariance)

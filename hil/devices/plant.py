@@ -80,6 +80,7 @@ class Plant:
         self._gains = np.array([node.torque_gain for node in self.nodes])
         self._offsets_nm = np.array([node.torque_offset_nm for node in self.nodes])
         self._zeros = np.array([node.zero_offset_rad for node in self.nodes])
+        self._torque_delays_s = np.array([node.torque_delay_s for node in self.nodes])
         is_fd = [node.format == "fd" for node in self.nodes]
         self._is_fd = np.array(is_fd)
         self._scale = FieldScale(is_fd, sensors.joints.torque_range_nm, sliding)
@@ -200,13 +201,23 @@ class Plant:
 
     def _values(self, t_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Return positions, torques, speeds as measured, and true torques (k, n), without sign."""
+        rate, load = self._loads(t_s)
         q, qd, tau = self._table.at(t_s)
-        position, torque = self.joint_errors.ahead(q, qd, tau)
+        position, torque = self.joint_errors.ahead(q, rate, load)
         blind = np.flatnonzero(self.joint_errors.speed_only)
         if blind.size:
             qd = qd.copy()
             qd[:, blind] = self.joint_errors.speeds_ahead(qd)
         return position - self._zeros, torque * self._gains + self._offsets_nm, qd, tau
+
+    def _loads(self, t_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the true rates and torques (k, n) that the torque sensors show."""
+        rate, load = np.empty((2, len(t_s), self._table.n))
+        for delay_s in np.unique(self._torque_delays_s)[::-1]:  # the table is filled from the first
+            own = self._torque_delays_s == delay_s
+            _, rates, loads = self._table.at(t_s - delay_s)
+            rate[:, own], load[:, own] = rates[:, own], loads[:, own]
+        return rate, load
 
     def _sampled(self, times_ns: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the joints' raw positions, torques and speeds (k, n) at host times (k,)."""

@@ -72,6 +72,7 @@ class NodeConfig:
     torque_sensor: bool = True
     torque_gain: float = 1.0
     torque_offset_nm: float = 0.0
+    torque_delay_s: float = 0.0  # the torque in a message is that much older than the position
     encoder: Literal["position", "speed"] = "position"
     described: DescribedConfig | None = None  # null: it speaks the tailored format, or a dialect
 

@@ -28,6 +28,15 @@ def gauss_nodes(count: int) -> FloatArray:
     return nodes
 
 
+@lru_cache(maxsize=16)
+def differentiation(nodes: int) -> FloatArray:
+    """Return (m, m): derivatives at the Gauss nodes on [-1, 1] of the interpolant of the values."""
+    points = gauss_nodes(nodes)
+    values = legendre.legvander(points, nodes - 1)
+    slopes = legendre.legval(points, legendre.legder(np.eye(nodes))).T
+    return np.asarray(np.linalg.solve(values.T, slopes.T).T, np.float64)
+
+
 @lru_cache(maxsize=64)
 def _node_bases(count: int, degree: int) -> FloatArray:
     """Return (4, count, degree + 1): Legendre basis, two derivatives, integral from -1, at nodes.

@@ -14,12 +14,10 @@ Vehicle Dynamics and Control (2008), sec. 7.3 (gyrostat).
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
-from numpy.polynomial import legendre
 
-from fsw.estimators.conditioning.polynomial import gauss_nodes
+from fsw.estimators.conditioning.polynomial import differentiation
 from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.model.inertia import cross, skew
 from fsw.messages import FloatArray
@@ -85,7 +83,7 @@ class Carrier:
             scaled = axes * (1.0 + x[self.scale])
         if self.delay is not None:
             slope = s.by_block(hd)
-            hdd = (_differentiation(s.m) @ slope).reshape(hd.shape) * (2.0 / self.window_s)
+            hdd = (differentiation(s.m) @ slope).reshape(hd.shape) * (2.0 / self.window_s)
             J_h[:, :, self.delay] = scaled * hd[:, None]
             J_hd[:, :, self.delay] = scaled * hdd[:, None]
             h, hd = h + x[self.delay] * hd, hd + x[self.delay] * hdd
@@ -93,12 +91,3 @@ class Carrier:
             J_h[:, :, self.scale] = axes * h[:, None]
             J_hd[:, :, self.scale] = axes * hd[:, None]
         return Carried(h @ scaled.T, hd @ scaled.T, scaled, J_h, J_hd)
-
-
-@lru_cache(maxsize=8)
-def _differentiation(nodes: int) -> FloatArray:
-    """Return (m, m): derivatives at the Gauss nodes on [-1, 1] of the interpolant of the values."""
-    points = gauss_nodes(nodes)
-    values = legendre.legvander(points, nodes - 1)
-    slopes = legendre.legval(points, legendre.legder(np.eye(nodes))).T
-    return np.asarray(np.linalg.solve(values.T, slopes.T).T, np.float64)

@@ -134,15 +134,29 @@ class BlockStack:
 
     def shifted(self, by_rad: FloatArray) -> BlockStack:
         """Return the same blocks with the joints' angles changed, by a constant (n,) or (N, n)."""
-        other = copy(self)
-        other.q_rad = self.q_rad + by_rad
-        return other
+        return self.moved(self.q_rad + by_rad, self.qd_rad_s, self.qdd_rad_s2)
 
     def scaled(self, by: FloatArray) -> BlockStack:
         """Return the same blocks with angles, rates and accelerations of the joints times (n,)."""
+        return self.moved(self.q_rad * by, self.qd_rad_s * by, self.qdd_rad_s2 * by)
+
+    def moved(self, q_rad: FloatArray, qd_rad_s: FloatArray, qdd_rad_s2: FloatArray) -> BlockStack:
+        """Return the same blocks with other motion (N, n) of the joints."""
         other = copy(self)
-        other.q_rad, other.qd_rad_s = self.q_rad * by, self.qd_rad_s * by
-        other.qdd_rad_s2 = self.qdd_rad_s2 * by
+        other.q_rad, other.qd_rad_s, other.qdd_rad_s2 = q_rad, qd_rad_s, qdd_rad_s2
+        return other
+
+    def turning(self, w_NB_B_rad_s: FloatArray) -> BlockStack:
+        """Return the same blocks with another measured rate (N, 3)."""
+        other = copy(self)
+        other.w_NB_B_rad_s = w_NB_B_rad_s
+        return other
+
+    def noise_through(self, back: FloatArray) -> BlockStack:
+        """Return the same blocks with the noise of each channel (t + 6) mapped by (m, m)."""
+        other, M_f, M_w = copy(self), back[-4], np.kron(np.eye(2), back[-1])
+        other.cov_tau = back[: self.t] @ self.cov_tau @ back[: self.t].transpose(0, 2, 1)
+        other.cov_acc, other.cov_gyro = M_f @ self.cov_acc @ M_f.T, M_w @ self.cov_gyro @ M_w.T
         return other
 
     def doubted(self, by_rad2: FloatArray) -> BlockStack:

@@ -61,6 +61,8 @@ def predict(
     from external moments up to the block.
     """
     s = as_true(block if isinstance(block, BlockStack) else BlockStack((block,)), x, problem)
+    if rate == "measured" and problem.delays:
+        s = s.turning(problem.delays.prompt(x, s.w_NB_B_rad_s, s.m))
     n, t = s.n, s.t
     if problem.modes is None:
         at = _ideal(s, x, problem, rate, before)
@@ -97,12 +99,7 @@ def predict(
     for states, rows in problem.sensed("torque_offset", "wrench_offset"):
         tau[:, rows] += x[states]
         J[:, rows, states] += np.eye(states.stop - states.start)
-    if problem.has("acc_bias"):
-        f = f + x[problem.at("acc_bias")]
-        J[:, t : t + 3, problem.at("acc_bias")] += np.eye(3)
-    if problem.has("gyro_bias"):
-        w = w + x[problem.at("gyro_bias")]
-        J[:, t + 3 :, problem.at("gyro_bias")] += np.eye(3)
+    tau, f, w = _at_stamps((tau, f, w), J, s.m, x, problem, rate)
     return Prediction(
         tau_nm=tau,
         f_m_s2=f,
@@ -172,6 +169,30 @@ def _as_read(
     return f, w
 
 
+def _at_stamps(
+    channels: tuple[FloatArray, FloatArray, FloatArray],
+    J: FloatArray,
+    nodes: int,
+    x: FloatArray,
+    problem: Problem,
+    rate: Rate,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return torque, force and rate with biases and delays; change J (N, t + 6, p) in place."""
+    (tau, f, w), t = channels, J.shape[1] - 6
+    if problem.has("acc_bias"):
+        f = f + x[problem.at("acc_bias")]
+        J[:, t : t + 3, problem.at("acc_bias")] += np.eye(3)
+    if problem.has("gyro_bias"):
+        w = w + x[problem.at("gyro_bias")]
+        J[:, t + 3 :, problem.at("gyro_bias")] += np.eye(3)
+    if problem.delays:  # a measured rate is no prediction
+        c = t + 3 if rate == "measured" else t + 6
+        values = np.concatenate([tau, f, w], axis=1)
+        values[:, :c] = problem.delays.late(x, values[:, :c], J[:, :c], nodes)
+        tau, f, w = values[:, :t], values[:, t : t + 3], values[:, t + 3 :]
+    return tau, f, w
+
+
 def _momentum(
     s: BlockStack, x: FloatArray, problem: Problem, G: FloatArray, before: Impulse | None
 ) -> tuple[FloatArray, FloatArray | None, tuple[Impulse | None, ...]]:
@@ -228,6 +249,9 @@ def stacked_fused_rows(
         ],
         axis=1,
     )
+    delays = problem.delays
+    if delays:  # rows without delays: the noise of motion acts at its own node
+        r, s = delays.prompt(x, r, s.m), s.noise_through(delays.back(x, s.m))
     r = r if use.all() else r[:, use]
     S = residual_covariance(s, prediction, use, rate)
     size = S.shape[1]
@@ -236,5 +260,6 @@ def stacked_fused_rows(
     at = prediction
     if prediction.D_q is not None and size:
         at = predict(joined.likeliest, x, problem, rate, before)
-    X = (at.J if use.all() else at.J[:, use]).reshape(len(s.blocks), size, len(x))
+    J = delays.prompt(x, at.J, s.m) if delays else at.J
+    X = (J if use.all() else J[:, use]).reshape(len(s.blocks), size, len(x))
     return joined.rows(X, prediction.each, use)

@@ -56,6 +56,9 @@ def state_gains(
         if problem.has("imu_angle"):
             own[:, :, problem.at("imu_angle")] = -skew(w) @ turn(x, problem)[1]
         fill_gyro_columns(own, np.broadcast_to(np.eye(3), (len(w), 3, 3)), w, x, problem)
+        if problem.delays:
+            slope = problem.delays.slope(w, s.m)[:, :, None]
+            own[:, :, problem.delays.states] += slope * problem.delays.of_channels[-3:]
     D[:, : t + 3, n + 3 :] += D_w @ rate
     return D
 

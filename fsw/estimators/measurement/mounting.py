@@ -68,20 +68,24 @@ def fill_gyro_columns(
 
 
 def as_true(s: BlockStack, x: FloatArray, problem: Problem) -> BlockStack:
-    """Return the blocks with the joints' angles corrected by scales, zeros and walks."""
+    """Return the blocks with the joints' motion corrected by scales, zeros, walks and delays."""
     if problem.has("joint_scale") and x[problem.at("joint_scale")].any():
         s = s.scaled(1.0 + x[problem.at("joint_scale")])
     if problem.walks is not None:
         walked = problem.walks.moved(x[problem.at("joint_walk")], s.walks_at_nodes)
-        return s.shifted(x[problem.at("joint_zero")] + walked)
-    if not problem.has("joint_zero") or not x[problem.at("joint_zero")].any():
-        return s
-    return s.shifted(x[problem.at("joint_zero")])
+        s = s.shifted(x[problem.at("joint_zero")] + walked)
+    elif problem.has("joint_zero") and x[problem.at("joint_zero")].any():
+        s = s.shifted(x[problem.at("joint_zero")])
+    if problem.delays.moves_joints and x[problem.delays.states].any():
+        motion = s.q_rad, s.qd_rad_s, s.qdd_rad_s2
+        s = s.moved(*problem.delays.advanced(x, *motion, s.m))
+    return s
 
 
 def needs_angle_columns(problem: Problem) -> bool:
     """Return whether states act through the joints' angles, besides walks and modes."""
-    return problem.has("joint_zero") or problem.has("joint_scale")
+    own = problem.has("joint_zero") or problem.has("joint_scale")
+    return own or problem.delays.moves_joints
 
 
 def fill_angle_columns(
@@ -91,7 +95,7 @@ def fill_angle_columns(
     x: FloatArray,
     problem: Problem,
 ) -> None:
-    """Add to J (N, r, p) the derivatives by scales, zeros and walks of the joints' angles.
+    """Add to J (N, r, p) the derivatives by scales, zeros, walks and delays of the joints' angles.
 
     `D` are the derivatives (N, r, n) by angles, rates and accelerations; `s` has the true motion.
     """
@@ -107,6 +111,9 @@ def fill_angle_columns(
         shares = problem.walks.shares(s.walks_at_nodes)
         own = D_q[:, :, problem.walks.joints, None] * shares[:, None]
         J[:, :, problem.at("joint_walk")] += own.reshape(*D_q.shape[:2], -1)
+    if problem.delays.moves_joints:
+        by_delay = problem.delays.by_motion(D, (s.qd_rad_s, s.qdd_rad_s2), s.m)
+        J[:, :, problem.delays.states] += by_delay
 
 
 def with_bridges(s: BlockStack, problem: Problem) -> BlockStack:

@@ -116,7 +116,7 @@ def stacked_mrnea_rows(
 
     Source: paper eqs. (3)-(16); errors-in-variables weighting as in weighted total least squares.
     """
-    s, r_S = as_true(s, x, problem), problem.place_m(x)
+    s, r_S = _prompt(as_true(s, x, problem), x, problem), problem.place_m(x)
     model, n, B = problem.model, s.n, len(s.blocks)
     pi = problem.pi(x)
     model.set_parameters(pi if weighting == "eiv" else problem.pi(problem.prior_mean))
@@ -137,8 +137,7 @@ def stacked_mrnea_rows(
     if outside is not None:
         r += outside[0]
     carried = _take_off_carried(r, C, s, x, problem, w)
-    D_w = skew(cross(w, r_S)) + skew(w) @ skew(r_S)
-    G_w = C[:, :, 3:6] + H[:, :, :3] @ D_w
+    G_w = C[:, :, 3:6] + H[:, :, :3] @ (skew(cross(w, r_S)) + skew(w) @ skew(r_S))
     G_wd = H[:, :, 3:6] + H[:, :, :3] @ skew(r_S)
     residuals = r.reshape(B, -1)
     if weighting == "ols":
@@ -168,11 +167,45 @@ def stacked_mrnea_rows(
         X -= outside[1]
     if carried is not None:
         X[:, 3:6] += carried.by_state(w)
+    _delay_columns(X, tau - r[:, 6:], (w, acceleration[:, 3:6]), (H, G_w, G_wd), s, x, problem)
     X = X.reshape(B, residuals.shape[1], len(x))
     return [
         Rows(*whitened(root, columns, own))
         for root, columns, own in zip(L, X, residuals, strict=True)
     ]
+
+
+def _prompt(s: BlockStack, x: FloatArray, problem: Problem) -> BlockStack:
+    """Return the blocks with all readings as they would be without their delays."""
+    if not problem.delays:
+        return s
+    back = problem.delays.back(x, s.m)
+    late = np.concatenate([s.tau_nm, s.f_NS_B_m_s2, s.w_NB_B_rad_s], axis=1)
+    prompt = problem.delays.prompt(x, late, s.m)
+    other = s.noise_through(back).turning(prompt[:, -3:])
+    other.tau_nm, other.f_NS_B_m_s2 = prompt[:, : s.t], prompt[:, s.t : -3]
+    other.wd_NB_B_rad_s2 = problem.delays.prompt(x, s.wd_NB_B_rad_s2, s.m)
+    return other
+
+
+def _delay_columns(
+    X: FloatArray,
+    tau_nm: FloatArray,
+    rates: tuple[FloatArray, FloatArray],
+    gains: tuple[FloatArray, FloatArray, FloatArray],
+    s: BlockStack,
+    x: FloatArray,
+    problem: Problem,
+) -> None:
+    """Add the columns of delays; torques (N, n) as predicted; `gains` as of `_mounting_columns`."""
+    if not problem.delays:
+        return
+    (H, G_w, G_wd), W, states = gains, problem.delays.of_channels, problem.delays.states
+    tau, w, wd, f = (problem.delays.slope(own, s.m) for own in (tau_nm, *rates, s.f_NS_B_m_s2))
+    X[:, 6:, states] -= tau[:, :, None] * W[: s.n]
+    by_rate = G_w @ w[:, :, None] + G_wd @ wd[:, :, None]
+    by_force = H[:, :, :3] @ (f @ turn(x, problem)[0].T)[:, :, None]
+    X[:, :, states] += by_rate * W[-1] + by_force * W[-4]
 
 
 def _by_angle(

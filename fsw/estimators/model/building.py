@@ -11,6 +11,7 @@ from pydantic import BaseModel
 from fsw.config import BaseConfig, BodyConfig, Config, JointConfig
 from fsw.errors import ConfigError
 from fsw.estimators.conditioning.rotation import rotation_from_xyzw
+from fsw.estimators.effects.delay import delays
 from fsw.estimators.effects.joint_torque import terms_of
 from fsw.estimators.effects.registered import TORQUE_EFFECTS, carrier, switched
 from fsw.estimators.effects.wrench_sensor import sensors_of
@@ -303,6 +304,7 @@ def _problem_of(config: Config, model: RobotModel, exact: bool, blocks: Sequence
         carrier=carrier(config, places),
         walks=walks if "joint_walk" in places else None,
         switched=switched(config, places),
+        delays=delays(setting, places, len(model.torque_units)),
         torque_terms=terms_of(TORQUE_EFFECTS, setting, places),
         of_current=np.array([joint.torque == "motor_current" for joint in joints], np.bool_),
         target_com_m=np.array(

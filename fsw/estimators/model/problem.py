@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from fsw.config.joints import linear
 from fsw.estimators.effects.carried import Carrier
+from fsw.estimators.effects.delay import Delays
 from fsw.estimators.effects.joint_torque import TorqueTerm
 from fsw.estimators.effects.switched import Switched
 from fsw.estimators.model.inertia import (
@@ -81,6 +82,7 @@ class Problem:
     places: Mapping[str, slice]  # of each group of states that is present
     carrier: Carrier  # of momentum in the base
     switched: Switched  # forces on the base
+    delays: Delays  # of channels and stamps
     torque_terms: tuple[TorqueTerm, ...]  # torques besides that of the rigid bodies
     of_current: NDArray[np.bool_]  # (n,) whether a joint's torque is that of its motor's current
     target_com_m: FloatArray  # (3,) in E: where the target's wrench acts on a known target

@@ -47,6 +47,7 @@ class StateGroup:
     is_judged : whether a value far from its prior makes the estimate implausible
     is_repeated : whether two runs of one robot have the states in common
     drift : share of its own size by which a state differs between two runs of one robot
+    is_steady : whether the states are constants of time, which do not creep as a bias does
     is_free : whether the prior may be widened as far as the data require
     shared : share of the variance that is common to all states of the group
     mistake : the key whose value is wrong where the data contradict the prior; empty: none
@@ -69,6 +70,7 @@ class StateGroup:
     is_judged: bool = False
     is_repeated: bool = False
     drift: float = 0.0
+    is_steady: bool = False
     is_free: bool = False
     shared: float = 0.0
     mistake: str = ""
@@ -105,8 +107,9 @@ class StateGroup:
 
     @property
     def is_constant_of_sensor(self) -> bool:
-        """Return whether the states are constants of joints or inertial unit, such as a bias."""
-        return self.section in ("joints", "imu") and "_sigma_" in self.field
+        """Return whether the states are constants of joints or inertial unit that may creep."""
+        own = self.section in ("joints", "imu") and not self.is_steady
+        return own and "_sigma_" in self.field
 
     @property
     def is_exact_if_absent(self) -> bool:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from fsw.config import Config
-from fsw.estimators.effects import friction, motor_side, wrench_sensor
+from fsw.estimators.effects import delay, friction, motor_side, wrench_sensor
 from fsw.estimators.effects.registered import DEVICES
 from fsw.estimators.model import modes
 from fsw.estimators.model.state_group import Setting, Spread, StateGroup, per_joint
@@ -231,6 +231,7 @@ GROUPS = (
     friction.LOAD.group,
     wrench_sensor.OFFSET,
     wrench_sensor.SCALE,
+    *delay.GROUPS,
     *modes.GROUPS,
 )
 BY_NAME = {group.name: group for group in GROUPS}

@@ -1,0 +1,171 @@
+"""Delays as states: derivatives in every method, noise, the remainder, configuration."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fsw.config import Config
+from fsw.errors import ConfigError
+from fsw.estimators.conditioning.polynomial import NodeFit, gauss_nodes
+from fsw.estimators.measurement.block_stack import BlockStack
+from fsw.estimators.measurement.fused import predict
+from fsw.estimators.measurement.motion_noise import residual_covariance
+from fsw.estimators.measurement.prediction import Prediction
+from fsw.estimators.model.building import build_problem
+from fsw.estimators.model.problem import Problem
+from fsw.messages import Block
+from tests.support.estimator_cases import (
+    NODES,
+    WINDOW_S,
+    N,
+    make_config,
+    random_block,
+    robot_model,
+)
+from tests.support.one_block import fused_rows, mrnea_rows
+
+SIGMA_S = 0.01
+KINDS = ("torque_delay", "bus_delay", "imu_delay")
+
+
+def with_delays(
+    config: Config, *, joints: float = SIGMA_S, buses: float = SIGMA_S, imu: float = SIGMA_S
+) -> Config:
+    """Return the configuration with sigmas of delays, and the last three joints on a second bus."""
+    own = config.model_dump()
+    own["buses"] = [own["buses"][0], own["buses"][0] | {"name": "hand", "channel": "b"}]
+    for k, joint in enumerate(own["joints"]):
+        joint |= {"torque_delay_sigma_s": joints, "bus": "arm" if k < 4 else "hand"}
+    for bus in own["buses"]:
+        bus["delay_sigma_s"] = buses
+    own["imu"]["delay_sigma_s"] = imu
+    return config.with_sections(**{key: own[key] for key in ("buses", "joints", "imu")})
+
+
+def problem_and_state(*, doubt: bool = True, **options: Any) -> tuple[Problem, np.ndarray]:
+    problem = build_problem(with_delays(make_config(doubt=doubt, **options)), robot_model())
+    problem = replace(problem, angles_are_noisy=True)
+    sigma, x = np.sqrt(np.diag(problem.prior_covariance)), problem.prior_mean.copy()
+    free = slice(problem.bodies.stop, len(x))
+    x[free] += sigma[free] * np.random.default_rng(3).normal(size=len(x[free]))
+    x[problem.inertial] = problem.prior_mean[problem.inertial]
+    return problem, x
+
+
+def own_columns(problem: Problem) -> list[int]:
+    kinds = (*KINDS, "torque_scale", "torque_offset", "joint_zero", "gyro_bias", "imu_angle")
+    return [k for k, name in enumerate(problem.names) if name.startswith(kinds)]
+
+
+def whole(at: Prediction) -> np.ndarray:
+    return np.concatenate([at.tau_nm, at.f_m_s2, at.w_rad_s], axis=1)
+
+
+@pytest.mark.parametrize("rate", ["momentum", "measured"])
+def test_predictions_derivatives_by_the_state(rate: Any) -> None:
+    problem, x = problem_and_state()
+    block, h = random_block(2), 1e-6
+    channels = slice(0, N + 6 if rate == "momentum" else N + 3)
+    J = predict(block, x, problem, rate).J[:, channels]
+    assert sum(name.startswith(KINDS) for name in problem.names) == N + 2 + 2
+    for k in own_columns(problem):
+        up, down = (
+            whole(predict(block, x + s * np.eye(len(x))[k], problem, rate)) for s in (h, -h)
+        )
+        expected = (up - down)[:, channels] / (2 * h)
+        assert np.abs(J[:, :, k] - expected).max() <= 1e-5 * np.abs(expected).max() + 1e-9, k
+
+
+def test_rows_are_those_of_the_readings_without_delay() -> None:
+    """Where the readings are as predicted, A = -db/dx: the weights follow the state, b is zero."""
+    problem, x = problem_and_state(doubt=False)
+    exact = replace(problem, angles_are_noisy=False)
+    at, h = predict(random_block(2), x, exact), 1e-6
+    block = replace(
+        random_block(2), tau_nm=at.tau_nm, f_NS_B_m_s2=at.f_m_s2, w_NB_B_rad_s=at.w_rad_s
+    )
+    rows = fused_rows(block, x, exact)
+    assert np.abs(rows.b).max() < 1e-9
+    for k in own_columns(exact):
+        b = [fused_rows(block, x + s * np.eye(len(x))[k], exact).b for s in (h, -h)]
+        expected = (b[1] - b[0]) / (2 * h)
+        assert np.abs(rows.A[:, k] - expected).max() <= 1e-5 * np.abs(expected).max(), k
+
+
+def test_rows_of_the_regression() -> None:
+    """Readings that the regression explains: late ones of a motion, by the model's own torques."""
+    problem, x = problem_and_state(doubt=False, method="mrnea", weighting="ols")
+    still, h = np.where(np.isin(np.arange(len(x)), problem.delays.states), 0.0, x), 1e-6
+    block = random_block(4)
+    w, f = block.w_NB_B_rad_s, block.f_NS_B_m_s2
+    block = replace(block, wd_NB_B_rad_s2=problem.delays.slope(w, NODES))
+    rows = mrnea_rows(block, still, problem, "ols")
+    own = [k for k, name in enumerate(problem.names) if name.startswith(("imu_delay", "bus_delay"))]
+    assert len(own) == 4
+    for k in own:
+        b = [mrnea_rows(block, still + s * np.eye(len(x))[k], problem, "ols").b for s in (h, -h)]
+        expected = ((b[1] - b[0]) / (2 * h)).reshape(NODES, -1)[:, :6]  # base rows: no torque
+        found = rows.A[:, k].reshape(NODES, -1)[:, :6]
+        assert np.abs(found - expected).max() <= 1e-5 * np.abs(expected).max(), (k, f)
+    # torque rows: -slope of the predicted torque, so the difference is that of the residual
+    k = problem.names.index("torque_delay.joint3")
+    b = [mrnea_rows(block, still + s * np.eye(len(x))[k], problem, "ols").b for s in (h, -h)]
+    expected = ((b[1] - b[0]) / (2 * h)).reshape(NODES, -1)[:, 6 + 2]
+    left = rows.b.reshape(NODES, -1)[:, 6 + 2 : 6 + 3]
+    expected = expected + problem.delays.slope(left, NODES)[:, 0]
+    found = rows.A[:, k].reshape(NODES, -1)[:, 6 + 2]
+    assert np.abs(found - expected).max() <= 1e-5 * np.abs(expected).max()
+
+
+def test_noise_of_a_torque_counts_through_its_delay() -> None:
+    """The rows' covariance against 400 draws of the torques, at a delay of a tenth of a window."""
+    problem, x = problem_and_state(doubt=False)
+    x[problem.at("torque_delay")] = 0.1 * WINDOW_S
+    block = random_block(2)
+    back = problem.delays.back(x, NODES)
+    s = BlockStack((block,)).noise_through(back)
+    use = np.r_[np.ones(N, bool), np.zeros(6, bool)]
+    still = replace(block, cov_joint=np.zeros_like(block.cov_joint))
+    own = BlockStack((still,)).noise_through(back)
+    S = residual_covariance(own, predict(still, x, problem), use, "momentum")[0]
+    assert s.cov_tau.shape == (1, N, NODES, NODES)
+    rng, count = np.random.default_rng(8), 400
+    roots = np.linalg.cholesky(block.cov_tau)
+    drawn = [
+        problem.delays.prompt(
+            x,
+            np.pad((roots @ rng.normal(size=(N, NODES, 1)))[:, :, 0].T, ((0, 0), (0, 6))),
+            NODES,
+        )[:, :N].ravel()
+        for _ in range(count)
+    ]
+    white = np.linalg.solve(np.linalg.cholesky(S), np.array(drawn).T)
+    # variance of each of 28 white values: 1 within 5 sigma of a sample variance of 400 draws
+    assert np.abs(np.mean(white**2, axis=1) - 1.0).max() < 5.0 * np.sqrt(2.0 / count)
+
+
+@pytest.mark.parametrize(("rate_hz", "bound"), [(1.0, 7e-3), (0.3, 6e-5)])
+def test_remainder_at_ten_milliseconds(rate_hz: float, bound: float) -> None:
+    """Samples of a delayed sine, fitted as the conditioner does, against the shifted prediction."""
+    problem, x = problem_and_state(doubt=False)
+    x[:] = 0.0
+    x[problem.at("torque_delay")] = 0.01
+    t = (np.arange(200) + 0.5) / 500.0 - 0.5 * WINDOW_S
+    fit = NodeFit(t, 0.5 * WINDOW_S, NODES - 1, NODES)
+    nodes_s, worst = 0.5 * WINDOW_S * gauss_nodes(NODES), 0.0
+    for phase in np.linspace(0.0, np.pi, 24):
+        late, prompt = (
+            np.sin(2 * np.pi * rate_hz * (times - d) + phase)[:, None]
+            for times, d in ((t, 0.01), (nodes_s, 0.0))
+        )
+        at_nodes = fit.operators((0,)) @ fit.coefficients(late)
+        clean = fit.operators((0,)) @ fit.coefficients(
+            np.sin(2 * np.pi * rate_hz * t + phase)[:, None]
+        )
+        no_delay = np.abs(clean - prompt).max()
+        J = np.zeros((NODES, 1, len(x)))
+        shifted = problem.delays.late(x, prompt, J, NODES)
+        worst = max(worst, float(np.abs(shifted - at_nodes).max() - no_delay))
+    assert worst < bound
