@@ -178,7 +178,8 @@ def _clocks(config: Config) -> Iterator[Mistake]:
     if config.joints:
         yield Mistake(
             text="joints: stamps of torques and positions differ, add {size} s to those of the "
-            "torques; are they recorded by two sources, or filtered?",
+            "torques; are they recorded by two sources, or filtered? torque_delay_sigma_s makes it "
+            "a state",
             change=torques_shifted,
             sizes=SHIFTS_S,
             periods_s=periods_s,

@@ -121,8 +121,8 @@ def build_subject(
         T[k, k] = report_jacobian(x[k])
     sigma = np.sqrt(np.diag(T @ covariance[:p, :p] @ T.T))
     scale = Scale(T=T, prior_sigma=sigma, weights=_weights(names, weights or {}))
-    apart = (problem.at("wrench"), problem.at("target_wrench"))
-    w = np.r_[(*apart, *(own.states for own in (*problem.torque_terms, problem.delays)))]
+    apart = (problem.at("wrench"), problem.at("target_wrench"), problem.delays.states)
+    w = np.r_[(*apart, *(term.states for term in problem.torque_terms))]
     root, wide = (
         prior_root(np.delete(np.delete(known, w, 0), w, 1))
         for known in (covariance, problem.prior_covariance)

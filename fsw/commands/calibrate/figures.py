@@ -123,9 +123,13 @@ def _joints(config: Config, used: dict[str, Figure]) -> list[dict[str, Any]]:
     for joint in config.joints:
         offset = used.get(f"torque_offset.{joint.name}")
         scale = used.get(f"torque_scale.{joint.name}")
-        if offset is None and scale is None:
+        delay = used.get(f"torque_delay.{joint.name}")
+        if offset is None and scale is None and delay is None:
             continue
         values: dict[str, Any] = {"name": joint.name}
+        if delay is not None:
+            values["torque_delay_s"] = joint.torque_delay_s + delay.value
+            values["torque_delay_sigma_s"] = delay.sigma
         ratio = 1.0 + (scale.value if scale else 0.0)
         if scale is not None:
             values["torque_gain"] = joint.torque_gain / ratio

@@ -6,16 +6,17 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fsw.commands.calibrate.delays import NAMES, DelayedRows, with_delays
 from fsw.commands.calibrate.figures import DELAY_KEYS, Figure, in_axes, sensor_axes, stated
 from fsw.commands.calibrate.time_offset import MOST_S, tracker_offset
 from fsw.commands.watching import Watching
 from fsw.config import Config, ImuConfig, JointConfig
+from fsw.config.consistency import MOST_DELAY
 from fsw.errors import EstimatorError
 from fsw.estimators.batch.run import sound_blocks, with_noise_found
 from fsw.estimators.batch.settle import settle
 from fsw.estimators.batch.solver import Progress
 from fsw.estimators.conditioning.rotation import rotation_from_xyzw
+from fsw.estimators.effects import delay
 from fsw.estimators.measurement.mounting import gyro_turn
 from fsw.estimators.measurement.row_functions import Linearisation, row_function
 from fsw.estimators.model.building import build_problem
@@ -26,8 +27,7 @@ from fsw.estimators.model.state_groups import GROUPS
 from fsw.messages import Block, FloatArray, Window
 
 OF_JOINTS = [group for group in GROUPS if group.joint_key and group.calibrated_from]
-OF_IMU = [group for group in GROUPS if group.section == "imu"]
-WIDE_DELAY_S = 0.02
+OF_IMU = [group for group in GROUPS if group.section == "imu" and group is not delay.IMU]
 STATED_DELAY_S = 2e-3  # assumed 1 sigma of a configured delay: no key states it
 WORTH_S = 5e-4  # a delay that is wrong by more is corrected, and the recording is replayed again
 ROUNDS = 4
@@ -55,8 +55,6 @@ def motion_figures(config: Config, read: Read, progress: Progress | None) -> lis
     stamped = config
     for last in reversed(range(ROUNDS)):
         problem = build_problem(_widened(stamped), model)
-        if config.imu.present and config.joints:
-            problem = with_delays(problem, WIDE_DELAY_S)
         seen = read(stamped)
         blocks = sound_blocks(seen.made)
         if not blocks:
@@ -77,8 +75,9 @@ def _widened(config: Config) -> Config:
     """
     if not config.joints:
         return config
+    most_s = MOST_DELAY * config.estimator.window_s
     joints = [
-        {**joint.model_dump(), **joint.named(_wider(vars(joint), OF_JOINTS))}
+        {**joint.model_dump(), **joint.named(_wider(vars(joint), OF_JOINTS, most_s))}
         if joint.torque != "none"
         else joint.model_dump()
         for joint in config.joints
@@ -86,11 +85,15 @@ def _widened(config: Config) -> Config:
     if not config.imu.present:
         return config.with_sections(joints=joints)
     imu = config.imu.model_dump()
-    return config.with_sections(joints=joints, imu=imu | _wider(imu, OF_IMU))
+    return config.with_sections(joints=joints, imu=imu | _wider(imu, [*OF_IMU, delay.IMU], most_s))
 
 
-def _wider(section: dict[str, Any], groups: Sequence[StateGroup]) -> dict[str, float]:
-    return {own.field: max(section[own.field], own.calibrated_from) for own in groups}
+def _wider(
+    section: dict[str, Any], groups: Sequence[StateGroup], most_delay_s: float
+) -> dict[str, float]:
+    sigmas = {own.field: max(section[own.field], own.calibrated_from) for own in groups}
+    short = {own.field: most_delay_s for own in groups if own in delay.GROUPS}
+    return {key: min(sigma, short.get(key, sigma)) for key, sigma in sigmas.items()}
 
 
 def _solved(
@@ -98,9 +101,7 @@ def _solved(
 ) -> tuple[FloatArray, FloatArray]:
     """Return mean (p,) and covariance (p, p) of the whole state from one batch."""
     noisy, _ = with_noise_found(problem, blocks)
-    is_delayed = problem.names[-len(NAMES) :] == NAMES
-    method = "fused" if problem.model.n else "mrnea"
-    rows = DelayedRows(problem) if is_delayed else row_function(method, "eiv", problem)
+    rows = row_function("fused" if problem.model.n else "mrnea", "eiv", problem)
     settled = settle(problem, Linearisation(rows, noisy), noisy, gate_probability, progress, None)
     solution = settled.solution
     if solution.status == "NOT_CONVERGED":
@@ -117,8 +118,8 @@ def _later(config: Config, problem: Problem, mean: FloatArray, covariance: Float
     """Return the configuration with significant delays added; `config` itself if there are none."""
     changes = {}
     for sensor, key in DELAY_KEYS.items():
-        if f"delay.{sensor}" in problem.names:
-            k = problem.names.index(f"delay.{sensor}")
+        if problem.has(delay.IMU.name):
+            k = problem.names.index(f"{delay.IMU.name}.{sensor}")
             found, before = float(mean[k]), getattr(config.imu, key)
             now = min(max(before + found, 0.0), MOST_DELAY_S[sensor])
             if abs(found) > max(WORTH_S, 2.0 * covariance[k, k] ** 0.5) and now != before:
@@ -138,8 +139,11 @@ def _figures(
             range(states.start, states.stop), problem.model.joint_names, strict=True
         ):
             if joints[name].torque != "none":
-                known = _known(joints[name], group.field)
                 value, own = float(mean[k]), float(sigma[k])
+                if group is delay.TORQUE:
+                    found.append(_of_torque(joints[name], value, own, config.estimator.window_s))
+                    continue
+                known = _known(joints[name], group.field)
                 found.append(Figure(kind=kind, which=name, value=value, sigma=own, known=known))
     for group in OF_IMU:
         states, kind = problem.at(group.name), group.name
@@ -147,12 +151,29 @@ def _figures(
             R = sensor_axes(config) if "bias" in kind else np.eye(3)
             known = _known(config.imu, group.field)
             found += in_axes(kind, mean[states], covariance[states, states], R, known)
-    for name in NAMES:
-        if name in problem.names:
-            k, sensor = problem.names.index(name), name.partition(".")[2]
-            before, now = (getattr(c.imu, DELAY_KEYS[sensor]) for c in (config, stamped))
-            found.append(_delay(sensor, before, now - before + float(mean[k]), float(sigma[k])))
+    for sensor, key in DELAY_KEYS.items() if problem.has(delay.IMU.name) else ():
+        k = problem.names.index(f"{delay.IMU.name}.{sensor}")
+        before, now = (getattr(c.imu, key) for c in (config, stamped))
+        found.append(_delay(sensor, before, now - before + float(mean[k]), float(sigma[k])))
     return found
+
+
+def _of_torque(joint: JointConfig, value: float, sigma: float, window_s: float) -> Figure:
+    """Return the figure of a torque's delay; one that is as good as none is not used."""
+    most_s, refused = MOST_DELAY * window_s, ""
+    if abs(value) < max(WORTH_S, 2.0 * sigma):
+        refused = "none, not used"
+    elif abs(joint.torque_delay_s + value) > most_s:
+        refused = f"beyond {most_s:g} s, a tenth of a window: correct the stamps"
+    known = joint.torque_delay_sigma_s or STATED_DELAY_S
+    return Figure(
+        kind=delay.TORQUE.name,
+        which=joint.name,
+        value=value,
+        sigma=sigma,
+        known=known,
+        refused=refused,
+    )
 
 
 def _delay(sensor: str, configured_s: float, change_s: float, sigma_s: float) -> Figure:

@@ -35,10 +35,9 @@ def _of_unit(setting: Setting) -> Spread:
 
 TORQUE = StateGroup(  # by which a joint's torque is later than its angle
     name="torque_delay",
-    effect="delays of torques against angles",
+    effect="delays of torques",
     unit="s",
     key="joints[].torque_delay_sigma_s",
-    cause="delays",
     prior=per_joint("torque_delay_sigma_s"),
     calibrated_from=0.01,
     is_judged=True,
@@ -46,14 +45,13 @@ TORQUE = StateGroup(  # by which a joint's torque is later than its angle
     is_steady=True,
     mistake="stamps of torques and angles",
 )
-BUS = StateGroup(  # of all samples of its joints, against the inertial unit
+BUS = StateGroup(  # of its joints' samples; of a single bus, that of the unit the other way
     name="bus_delay",
-    effect="delays of buses against the inertial unit",
+    effect="delays of buses",
     unit="s",
     key="buses[].delay_sigma_s",
-    cause="delays",
     prior=per_part("buses", "delay_sigma_s"),
-    is_possible=lambda config: config.imu.present and bool(config.joints),
+    is_possible=lambda config: config.imu.present and len(config.buses) > 1,
     is_judged=True,
     is_repeated=True,
     is_steady=True,
@@ -61,11 +59,11 @@ BUS = StateGroup(  # of all samples of its joints, against the inertial unit
 )
 IMU = StateGroup(  # true delays less the configured ones
     name="imu_delay",
-    effect="delays of gyro and accelerometer against the joints",
+    effect="delays of the inertial unit",
     unit="s",
     key="imu.delay_sigma_s",
-    cause="delays",
     prior=_of_unit,
+    calibrated_from=0.02,
     is_possible=lambda config: bool(config.joints),
     is_judged=True,
     is_repeated=True,

@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 
 from fsw.config import Config
-from fsw.errors import ConfigError
+from fsw.errors import ConfigError, EstimatorError
+from fsw.estimators.batch.solver import solve
 from fsw.estimators.conditioning.polynomial import NodeFit, gauss_nodes
 from fsw.estimators.measurement.block_stack import BlockStack
 from fsw.estimators.measurement.fused import predict
 from fsw.estimators.measurement.motion_noise import residual_covariance
 from fsw.estimators.measurement.prediction import Prediction
+from fsw.estimators.measurement.row_functions import row_function
 from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.problem import Problem
 from fsw.messages import Block
@@ -21,12 +23,16 @@ from tests.support.estimator_cases import (
     WINDOW_S,
     N,
     make_config,
+    motion,
+    noisy,
     random_block,
     robot_model,
+    true_block,
 )
 from tests.support.one_block import fused_rows, mrnea_rows
 
 SIGMA_S = 0.01
+NOT_DELAYED = {"torque": np.zeros(N), "acc": np.zeros(3), "gyro": np.zeros(3)}
 KINDS = ("torque_delay", "bus_delay", "imu_delay")
 
 
@@ -169,3 +175,95 @@ def test_remainder_at_ten_milliseconds(rate_hz: float, bound: float) -> None:
         shifted = problem.delays.late(x, prompt, J, NODES)
         worst = max(worst, float(np.abs(shifted - at_nodes).max() - no_delay))
     assert worst < bound
+
+
+def readings(*, torque_s: float = 0.0, hand_s: float = 0.0, imu_s: float = 0.0) -> list[Block]:
+    """Return 40 noisy blocks of the target's motion with delays in seconds.
+
+    `torque_s`: of the torque of joint 2; `hand_s`: of all samples of joints 5 to 7; `imu_s`: of the
+    inertial unit.
+    """
+    history, rng, blocks = motion("target"), np.random.default_rng(1), []
+    for k in range(40):
+        start_s = 1.0 + WINDOW_S * k
+        now, torque, hand, unit = (
+            true_block(history, start_s - d, k) for d in (0.0, torque_s, hand_s, imu_s)
+        )
+        tau, motions = now.tau_nm.copy(), {}
+        tau[:, 1], tau[:, 4:] = torque.tau_nm[:, 1], hand.tau_nm[:, 4:]
+        for key in ("q_rad", "qd_rad_s", "qdd_rad_s2"):
+            motions[key] = np.concatenate([getattr(now, key)[:, :4], getattr(hand, key)[:, 4:]], 1)
+        names = ("w_NB_B_rad_s", "wd_NB_B_rad_s2", "f_NS_B_m_s2")
+        of_unit = {key: getattr(unit, key) for key in names}
+        block = replace(now, tau_nm=tau, **motions, **of_unit)
+        blocks.append(noisy(block, rng, NOT_DELAYED))
+    return blocks
+
+
+@pytest.mark.parametrize(
+    ("late", "name"),
+    [
+        ({"torque_s": 0.01}, "torque_delay.joint2"),
+        ({"hand_s": 0.008}, "bus_delay.hand"),
+        ({"imu_s": 0.01}, "imu_delay.gyro"),
+    ],
+)
+def test_late_readings_show_as_the_delay_of_their_device(late: dict[str, float], name: str) -> None:
+    """Against the other clocks: a common delay of both buses is one of the unit the other way."""
+    config = with_delays(make_config(), buses=SIGMA_S if "hand_s" in late else 0.0)
+    problem = build_problem(config, robot_model())
+    solution = solve(problem, row_function("fused", "eiv", problem), readings(**late))
+    assert solution.status == "OK"
+    weights = np.zeros(len(problem.names))
+    weights[problem.names.index(name)] = 1.0
+    if name == "bus_delay.hand":
+        weights[problem.names.index("bus_delay.arm")] = -1.0
+    P = solution.information.covariance()
+    sigma_s = float(np.sqrt(weights @ P @ weights))
+    (true_s,) = late.values()
+    assert sigma_s < 0.1 * SIGMA_S
+    assert abs(weights @ solution.mean - true_s) < 3.0 * sigma_s
+
+
+def test_a_known_delay_is_no_state_and_acts_all_the_same() -> None:
+    config = make_config()
+    late = [j.model_copy(update={"torque_delay_s": 0.01}) for j in config.joints]
+    known = build_problem(config.model_copy(update={"joints": tuple(late)}), robot_model())
+    problem = build_problem(with_delays(config, buses=0.0, imu=0.0), robot_model())
+    x = np.concatenate([known.prior_mean, np.full(N, 0.01)])
+    block = random_block(2)
+    np.testing.assert_allclose(
+        whole(predict(block, known.prior_mean, known)), whole(predict(block, x, problem))
+    )
+
+
+def test_energy_refuses_delays() -> None:
+    with pytest.raises(EstimatorError, match="delays"):
+        row_function("ce", "eiv", build_problem(with_delays(make_config()), robot_model()))
+
+
+@pytest.mark.parametrize(
+    ("sizes", "key", "bound"),
+    [
+        ({"joints": 0.05}, "joints.0.torque_delay_sigma_s", "0.05 must be at most 0.1"),
+        ({"buses": 0.041}, "buses.0.delay_sigma_s", "0.04"),
+        ({"imu": 0.041}, "imu.delay_sigma_s", "0.04"),
+        ({"imu": 0.2}, "imu.delay_sigma_s", "0.1"),
+        ({"joints": -0.01}, "joints.0.torque_delay_sigma_s", "greater than or equal to 0|at least"),
+    ],
+)
+def test_a_delay_beyond_a_tenth_of_a_window_is_refused(
+    sizes: dict[str, float], key: str, bound: str
+) -> None:
+    with pytest.raises(ConfigError) as refused:
+        with_delays(make_config(), **sizes)
+    text = str(refused.value)
+    assert text.startswith(key), text
+    assert any(word in text for word in bound.split("|")), text
+
+
+def test_without_the_keys_nothing_changes() -> None:
+    problem = build_problem(make_config(doubt=True), robot_model())
+    assert not problem.delays
+    assert not [name for name in problem.names if name.startswith(KINDS)]
+    assert problem.watched is None or not [n for n in problem.watched.names if n.startswith(KINDS)]
