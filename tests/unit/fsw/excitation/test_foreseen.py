@@ -65,6 +65,7 @@ def test_where_nothing_else_is_in_doubt_it_is_what_the_solver_sees():
         ("estimator", {"external_force_sigma_n": 0.1, "external_torque_sigma_nm": 0.1}, 6),
         ("robot", {"links_sigma_ratio": 0.05}, 80),
         ("joints", {"friction_coulomb_sigma_nm": 0.5, "friction_viscous_sigma_nms_rad": 0.5}, 14),
+        ("joints", {"torque_delay_sigma_s": 0.02}, 7),
     ],
 )
 def test_what_is_in_doubt_widens_sigma(section, change, states):
