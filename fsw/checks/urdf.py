@@ -5,6 +5,7 @@ accepts numbers that no robot has.
 """
 
 import xml.etree.ElementTree as ET
+from collections.abc import Iterable
 from math import inf, isnan
 
 from fsw.config.base import MAX_INERTIA_KG_M2, MAX_LENGTH_M, MAX_MASS_KG
@@ -63,6 +64,9 @@ def check_urdf(content: bytes) -> None:
         raise ConfigError(f"has {len(content)} bytes; must be at most {MAX_BYTES}")
     try:
         content.decode()
+    except ValueError as error:
+        raise ConfigError("is not in UTF-8; save it as UTF-8, without another encoding") from error
+    try:
         root = ET.fromstring(content, ET.XMLParser(target=_Bounded(), encoding="utf-8"))
     except (ET.ParseError, ValueError) as error:
         if isinstance(error, ConfigError):
@@ -70,13 +74,18 @@ def check_urdf(content: bytes) -> None:
         raise ConfigError(f"is no URDF: {error}") from error
     if root.tag != "robot":
         raise ConfigError(f"is no URDF: its root is <{brief(root.tag)}>, not <robot>")
-    if any("xacro" in element.tag for element in root.iter()):
+    if any("xacro" in own.tag or _is_macro(own.attrib.values()) for own in root.iter()):
         raise ConfigError("is a xacro file, no URDF yet; make one: xacro robot.xacro > robot.urdf")
     links = root.findall("link")
     if len(links) > MAX_LINKS:
         raise ConfigError(f"has {len(links)} links; must be at most {MAX_LINKS}")
     _check_numbers(root)
     _check_joints(root)
+
+
+def _is_macro(values: Iterable[str]) -> bool:
+    """Return whether xacro would replace a part of an attribute."""
+    return any("${" in value or "$(" in value for value in values)
 
 
 def _check_numbers(root: ET.Element) -> None:
@@ -88,6 +97,8 @@ def _check_numbers(root: ET.Element) -> None:
                     value = float(word)
                 except ValueError:
                     continue
+                if name in ("effort", "velocity") and value < 0.0:
+                    raise ConfigError(f"has {name} {brief(word)} in <limit>; must be at least 0")
                 if isnan(value) or abs(value) > largest:
                     bound = f"finite and within {largest:g} (metres, kilograms, radians)"
                     raise ConfigError(
@@ -106,9 +117,13 @@ def _check_joints(root: ET.Element) -> None:
             raise ConfigError(f"joins the link {brief(link)} to more than one parent")
         children.add(link)
         moves = kind in ("revolute", "continuous", "prismatic")
+        if not joint.get("name"):
+            raise ConfigError(f"has a joint to {brief(link)} without a name")
         if joint.find("parent") is not None and not moves and kind != "fixed":
+            base = "; of the base: leave out this joint and its parent" * (kind == "floating")
             raise ConfigError(
                 f"joint {name} is {brief(kind)}; must be continuous, revolute, prismatic or fixed"
+                f"{base}"
             )
         mimic = joint.find("mimic")
         if moves and mimic is not None:

@@ -11,10 +11,22 @@ from pathlib import Path
 from fsw.errors import ConfigError
 
 MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
-GERMAN = {"mär": 3, "mai": 5, "okt": 10, "dez": 12}
+OTHERS = {  # what else months begin with in German, French, Italian and Spanish
+    **dict.fromkeys(("gen", "ene"), 1),
+    "fév": 2,
+    **dict.fromkeys(("mär", "mrz"), 3),
+    **dict.fromkeys(("avr", "abr"), 4),
+    **dict.fromkeys(("mai", "mag"), 5),
+    **dict.fromkeys(("giu", "juin"), 6),
+    **dict.fromkeys(("lug", "juil"), 7),
+    **dict.fromkeys(("ago", "aoû"), 8),
+    "set": 9,
+    **dict.fromkeys(("okt", "ott"), 10),
+    **dict.fromkeys(("dez", "déc", "dic"), 12),
+}
 FAR_S = 60.0  # a first frame that is further from the start has stamps of another clock
 DIGITS = {1: "one digit", 2: "two digits"}
-_START = re.compile(r"\s*(?:date|begin\s+triggerblock)\s+(?P<moment>\S.*\d{4})\s*$", re.IGNORECASE)
+_START = re.compile(r"\s*(?:date|begin\s+triggerblock)\s+(?P<moment>\S.*)", re.IGNORECASE)
 _MOMENT = re.compile(
     r"(?:\w+\.?\s+)?(?P<month>[^\W\d]+)\.?\s+(?P<day>\d+)\s+(?P<clock>\d+:\d+:\d+)"
     r"(?:\.(?P<fraction>\d+))?(?:\s+(?P<half>[ap]m))?\s+(?P<year>\d{4})",
@@ -85,7 +97,8 @@ class AscClock:
             start_ns = round(moment.timestamp()) * 10**9
         except (ValueError, OverflowError, OSError) as error:
             raise ConfigError(
-                f"{self._path}: line {number}: {text[:100]!r} is no date and time"
+                f"{self._path}: line {number}: {text.strip()[:100]!r} must be as 'Thu Oct 9 "
+                "08:53:30.042 2025', the month in English, German, French, Italian or Spanish"
             ) from error
         digits = len(fraction)
         start_ns += int(fraction.zfill(3).ljust(9, "0")[:9])
@@ -108,7 +121,7 @@ def _local(found: re.Match[str] | None) -> tuple[datetime, str]:
     if found is None:
         raise ValueError("no date")
     name = found["month"].lower()
-    month = GERMAN.get(name) or MONTHS.index(name[:3]) + 1
+    month = OTHERS.get(name[:4]) or OTHERS.get(name[:3]) or MONTHS.index(name[:3]) + 1
     hour, minute, second = map(int, found["clock"].split(":"))
     if found["half"]:
         hour = hour % 12 + 12 * (found["half"].lower() == "pm")

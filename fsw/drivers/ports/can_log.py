@@ -10,7 +10,7 @@ from pathlib import Path
 
 import can
 
-from fsw.drivers.ports.can_text import TextLog, text_log
+from fsw.drivers.ports.can_text import BINARY, TextLog, text_log
 from fsw.drivers.wire import (
     EFF_FLAG,
     ERR_FLAG,
@@ -25,7 +25,6 @@ from fsw.errors import ConfigError, brief, unforeseen
 
 MICROSECOND_NS = 1000  # resolution of a float of seconds since 1970, and of these logs
 END_S = 2.0**33  # a stamp from here on is invalid
-BINARY_LOGS = (".blf", ".db", ".mf4")
 # errors that python-can's readers raise for a damaged log
 _BROKEN = (
     can.CanError,
@@ -84,7 +83,7 @@ def read_can_log(path: Path, channel: str | None = None) -> CanLog:
     its stamps are no times, or when most of its lines are no frames.
     """
     try:
-        if path.suffix in BINARY_LOGS:
+        if path.suffix.lower() in BINARY:
             rows, notes = _binary(path)
         else:
             rows, notes = _text(path)
@@ -110,7 +109,7 @@ def _binary(path: Path) -> tuple[_Rows, list[str]]:
     rows: _Rows = {}
     notes = []
     with _Warnings() as warnings:
-        if path.suffix == ".blf":
+        if path.suffix.lower() == ".blf":
             with path.open("rb") as file:
                 reader = _BlfReader(file)
                 found = [_row(message) for message in reader]
@@ -152,6 +151,7 @@ def _rows_of_text(log: TextLog) -> Iterator[tuple[str | None, bytes]]:
     """Yield channel and frame of each line of a text log; lines without a frame are counted."""
     while not log.is_done:
         log.repeat_header()
+        before = log.line
         try:
             for message in _READERS[log.kind](log):
                 row = _row(message, log.t_ns)
@@ -160,7 +160,8 @@ def _rows_of_text(log: TextLog) -> Iterator[tuple[str | None, bytes]]:
         except ConfigError:
             raise
         except _BROKEN:
-            continue  # a new reader begins at the line below the damaged one
+            if log.line == before:
+                raise  # at the header, which every reader reads first
 
 
 def _row(message: can.Message, t_ns: int | None = None) -> tuple[str | None, bytes]:

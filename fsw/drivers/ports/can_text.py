@@ -4,6 +4,7 @@ python-can reads the frames. Stamps are read here where python-can's reader lose
 (ASC), and where python-can has no reader (BUSMASTER, what candump prints on the screen).
 """
 
+import codecs
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -16,8 +17,10 @@ from fsw.errors import ConfigError
 Line = tuple[int, str]  # number from 1, text
 _Dialect = Callable[["TextLog", Iterator[Line]], Iterator[str]]
 KNOWN = (".asc", ".csv", ".trc")  # any other suffix is a log of candump or BUSMASTER
+BINARY = (".blf", ".db", ".mf4")  # suffixes of logs that are no text
 HEAD_LINES = 200  # a header is not longer
 _CHARACTERS = 1 << 16  # a longer line is no frame
+_GZIP = b"\x1f\x8b"
 _BYTE = re.compile(r"[0-9A-Fa-f]{2}")
 _BASE = re.compile(
     r"\s*base\s+(?P<base>hex|dec)(?:\s+timestamps\s+(?P<mode>absolute|relative))?", re.IGNORECASE
@@ -112,11 +115,12 @@ def text_log(path: Path) -> TextLog:
 
     Raises
     ------
-    ConfigError when the file is empty or cut off, or its stamps are no times; OSError.
+    ConfigError when the file is empty, cut off or no text, or its stamps are no times; OSError.
     """
-    _refuse_cut(path)
+    _refuse_broken(path)
     head = [text for _, text in zip(range(HEAD_LINES), _lines(path), strict=False)]
-    kind = path.suffix if path.suffix in KNOWN else ".log"
+    suffix = path.suffix.lower()
+    kind = suffix if suffix in KNOWN else ".log"
     log = TextLog(path, kind)
     dialect: _Dialect = _plain
     if kind == ".asc":
@@ -134,6 +138,9 @@ def text_log(path: Path) -> TextLog:
         dialect = _below_header
     elif kind == ".trc":
         log.header = [text for _, text in head if text.startswith(";$")]
+        has_start = any(text.startswith(";$STARTTIME") for text in log.header)
+        start = "start of its header read as UTC" if has_start else "no start in its header"
+        log.notes.append(start + ": stamps count from 0" * (not has_start))
         dialect = _trc
     elif head[0][1].startswith("***"):
         dialect = _busmaster
@@ -145,7 +152,7 @@ def text_log(path: Path) -> TextLog:
 
 def _lines(path: Path) -> Iterator[Line]:
     """Yield the lines that are not blank, with their numbers."""
-    with path.open(encoding="utf-8-sig", errors="replace") as file:
+    with path.open(encoding=_encoding(path), errors="replace") as file:
         for number, text in enumerate(iter(lambda: file.readline(_CHARACTERS), ""), 1):
             if text.strip():
                 yield number, text
@@ -157,17 +164,34 @@ def _numbered(log: TextLog) -> Iterator[Line]:
         yield line
 
 
-def _refuse_cut(path: Path) -> None:
-    """Raise ConfigError for an empty file, or one whose last line has no line end."""
+def _encoding(path: Path) -> str:
+    """Return UTF-8, or what tools of Windows write if the beginning is not UTF-8."""
     with path.open("rb") as file:
-        if not file.seek(0, 2):
-            raise ConfigError(f"{path}: cannot be read as a CAN log: it is empty")
-        file.seek(-1, 2)
-        if file.read(1) != b"\n":
-            raise ConfigError(
-                f"{path}: cannot be read as a CAN log: its last line is cut off; end it with a "
-                "newline, or remove it"
-            )
+        head = file.read(_CHARACTERS)
+    try:
+        codecs.getincrementaldecoder("utf-8")().decode(head)
+    except UnicodeDecodeError:
+        return "cp1252"
+    return "utf-8-sig"
+
+
+def _refuse_broken(path: Path) -> None:
+    """Raise ConfigError for a file that is empty or no text, or whose last line has no end."""
+    with path.open("rb") as file:
+        head = file.read(_CHARACTERS)
+        file.seek(max(file.seek(0, 2) - 1, 0))
+        last = file.read()
+    fault = ""
+    if not head:
+        fault = "it is empty"
+    elif head.startswith(_GZIP):
+        fault = f"it is compressed; unpack it: gzip -d {path.name}"
+    elif b"\0" in head:
+        fault = f"it is no text in ASCII or UTF-8; binary logs end with {', '.join(BINARY)}"
+    elif last != b"\n":
+        fault = "its last line is cut off; end it with a newline, or remove it"
+    if fault:
+        raise ConfigError(f"{path}: cannot be read as a CAN log: {fault}")
 
 
 def _plain(_log: TextLog, lines: Iterator[Line]) -> Iterator[str]:

@@ -32,6 +32,7 @@ from fsw.messages import FloatArray, IntArray
 
 REVOLUTE = ("JointModelRX", "JointModelRY", "JointModelRZ", "JointModelRevoluteUnaligned")
 PRISMATIC = "JointModelP"
+ROOT = "<base>"  # name of the base's joint in the library; the URDF may have a root_joint
 FRAMES = (pin.FrameType.BODY, pin.FrameType.FIXED_JOINT, pin.FrameType.JOINT)
 
 
@@ -90,7 +91,7 @@ class RobotModel:
         try:
             dynamics = dynamics_of(urdf.read_bytes() if text is None else text)
             dynamics = with_sensors(dynamics, self._sensors)
-            self.model = pin.buildModelFromXML(dynamics, pin.JointModelFreeFlyer())
+            self.model = pin.buildModelFromXML(dynamics, pin.JointModelFreeFlyer(), ROOT)
         except (OSError, SyntaxError, ValueError, RuntimeError) as error:
             raise ConfigError(f"robot.urdf: {urdf} cannot be read as a URDF: {error}") from error
         self.model.gravity.setZero()
@@ -106,9 +107,13 @@ class RobotModel:
         self._tool = self.frame_id(tool_frame, "robot.tool_frame")
         self.set_up()
         self.tool = self.hold(tool_frame, "robot.tool_frame")
-        if self.tool.body in {0, *self.parents.tolist()} and self.n:
+        after = [k for k in range(self.n) if self.parents[k] == self.tool.body]
+        if self.n and (after or not self.tool.body):
+            names = ", ".join(repr(self.joint_names[k]) for k in after) or "no joint"
             raise ConfigError(
-                f"robot.tool_frame: {tool_frame!r} is not fixed to the last link of an arm"
+                f"robot.tool_frame: {tool_frame!r} is not fixed to the last link of an arm: it "
+                f"moves with {self.body_names[self.tool.body]!r}, and {names} comes after; choose "
+                "a link behind, or write joints that are held still, as of fingers, as fixed"
             )
 
     def set_up(self) -> None:

@@ -31,6 +31,16 @@ HOSTILE = {
     "an origin of 1e300": (without_a_place("1e300"), "origin"),
     "an origin that is not a number": (without_a_place("nan"), "origin"),
     "a mass of 1e300": (arm_urdf(3).replace('mass value="3"', 'mass value="1e300"', 1), "mass"),
+    "a joint without a name": (arm_urdf(3).replace('name="axis1"', 'name=""'), "without a name"),
+    "a negative effort": (arm_urdf(3).replace('effort="', 'effort="-', 1), "effort .* at least 0"),
+    "a value that xacro replaces": (
+        arm_urdf(3).replace('mass value="3"', 'mass value="${m}"', 1),
+        "is a xacro file",
+    ),
+    "a base that floats in the world": (
+        arm_urdf(3).replace("revolute", "floating", 1),
+        "leave out this joint and its parent",
+    ),
     "an entity that expands": (
         '<!DOCTYPE r [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;&a;">]><robot name="&b;"/>',
         "document type",
@@ -50,3 +60,9 @@ def test_a_robot_that_would_end_its_reader_is_refused_in_one_line(name: str):
 def test_as_many_links_as_may_be_pass():
     check_urdf(chain(MAX_LINKS).encode())
     check_urdf(arm_urdf(7).encode())
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "latin-1"])
+def test_another_encoding_says_what_to_do(encoding: str):
+    with pytest.raises(ConfigError, match="is not in UTF-8; save it as UTF-8"):
+        check_urdf(arm_urdf(3).replace("axis1", "Gelenk ä").encode(encoding))

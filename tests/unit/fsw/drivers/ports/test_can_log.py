@@ -1,5 +1,9 @@
 """CAN logs of other tools: every kind of frame as python-can's own writers put it down."""
 
+import gzip
+import re
+from datetime import datetime
+
 import can
 import pytest
 
@@ -63,3 +67,69 @@ def test_a_log_that_was_not_closed_is_refused(tmp_path):
     path.write_bytes(path.read_bytes() + b"1234")
     with pytest.raises(ConfigError, match=r"a\.blf: "):
         read_can_log(path)
+
+
+TRC = ";$FILEVERSION=1.1\n;$STARTTIME={}\n     1)       0.0  Rx         0191  2  01 02\n"
+
+
+def test_a_header_that_cannot_be_read_ends_the_reading(tmp_path):
+    (tmp_path / "a.trc").write_text(TRC.format("45939,5"), encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"a\.trc: cannot be read as a CAN log: .*45939,5"):
+        read_can_log(tmp_path / "a.trc")
+
+
+def test_the_start_of_a_trc_is_known_to_be_utc(tmp_path):
+    (tmp_path / "a.trc").write_text(TRC.format("45939.5"), encoding="utf-8")
+    log = read_can_log(tmp_path / "a.trc")
+    assert frame_list(log.frames)[0].t_ns == int((45939.5 - 25569) * 86400) * 10**9
+    assert any("read as UTC" in note for note in log.notes)
+    text = TRC.format("").replace(";$STARTTIME=\n", "")
+    (tmp_path / "a.trc").write_text(text, encoding="utf-8")
+    assert any("count from 0" in note for note in read_can_log(tmp_path / "a.trc").notes)
+
+
+@pytest.mark.parametrize("suffix", [".BLF", ".Asc", ".TRC"])
+def test_the_case_of_a_suffix_does_not_matter(tmp_path, suffix):
+    path = log(tmp_path / f"a{suffix.lower()}", classic())
+    path = path.rename(tmp_path / f"b{suffix}")
+    assert len(read_can_log(path).frames) == 1
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (gzip.compress(b"(1.0) can0 191#01\n"), "is compressed; unpack it: gzip -d"),
+        ("(1.0) can0 191#01\n".encode("utf-16"), "is no text in ASCII or UTF-8"),
+    ],
+)
+def test_a_log_that_is_no_text_is_said_to_be_none(tmp_path, data, words):
+    (tmp_path / "a.log").write_bytes(data)
+    with pytest.raises(ConfigError, match=re.escape(words)):
+        read_can_log(tmp_path / "a.log")
+
+
+ASC = "date {}\nbase hex  timestamps absolute\n   0.5 1  191             Rx   d 1 01\n"
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "cp1252"])
+@pytest.mark.parametrize(
+    ("name", "month"),
+    [
+        *[("Mrz", 3), ("März", 3), ("Mai", 5), ("Okt.", 10), ("Dez", 12)],
+        *[("janv.", 1), ("févr.", 2), ("mars", 3), ("avr.", 4), ("juin", 6), ("juil.", 7)],
+        *[("août", 8), ("déc.", 12), ("gen", 1), ("mag", 5), ("giu", 6), ("lug", 7), ("ago", 8)],
+        *[("set", 9), ("ott", 10), ("dic", 12), ("ene", 1), ("abr", 4), ("June", 6), ("jul", 7)],
+    ],
+)
+def test_months_of_an_asc_may_be_of_other_languages(tmp_path, name, month, encoding):
+    path = tmp_path / "a.asc"
+    path.write_text(ASC.format(f"lun. {name} 9 08:53:30.042 2025"), encoding=encoding)
+    start = datetime(2025, month, 9, 8, 53, 30, 542000)  # noqa: DTZ001 local time
+    assert frame_list(read_can_log(path).frames)[0].t_ns == round(start.timestamp() * 1e3) * 10**6
+
+
+@pytest.mark.parametrize("moment", ["2025-10-09 08:53:30.042", "Mon Foo 9 08:53:30 2025"])
+def test_a_date_of_an_asc_that_is_not_understood_is_refused(tmp_path, moment):
+    (tmp_path / "a.asc").write_text(ASC.format(moment), encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"line 1: .* must be as 'Thu Oct 9 08:53:30"):
+        read_can_log(tmp_path / "a.asc")

@@ -195,3 +195,22 @@ def test_a_field_moves_every_body_of_both_arms(seed: int) -> None:
 def test_a_missing_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"none\.urdf"):
         RobotModel(tmp_path / "none.urdf", "tool")
+
+
+@pytest.mark.parametrize("name", ["root_joint", "universe", "base"])
+def test_a_joint_may_have_the_name_of_the_librarys_base(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "arm.urdf"
+    path.write_text(arm_urdf(3))
+    expected = RobotModel(path, "gripper")
+    path.write_text(arm_urdf(3).replace('joint name="axis1"', f'joint name="{name}"'))
+    model = RobotModel(path, "gripper")
+    assert model.joint_names == (name, "axis2", "axis3")
+    np.testing.assert_array_equal(model.pi_links, expected.pi_links)
+    np.testing.assert_array_equal(model.parents, expected.parents)
+
+
+def test_a_tool_frame_before_a_joint_names_the_joint(tmp_path: Path) -> None:
+    path = tmp_path / "arm.urdf"
+    path.write_text(arm_urdf(3))
+    with pytest.raises(ConfigError, match=r"moves with 'axis2', and 'axis3' comes after; .*fixed"):
+        RobotModel(path, "link2")
