@@ -18,8 +18,8 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
-from fsw.commands.init_devices import offered
 from fsw.drivers.codecs.entries import options_of
+from offline.init.devices import offered
 
 ROOT = Path(__file__).parents[1]
 EVIDENCE = ROOT / "docs" / "evidence.md"
@@ -143,7 +143,7 @@ def scenario() -> str:
 
 def dictionary() -> str:
     """Return the tables of every packet, telecommand, parameter and event."""
-    text: str = import_module("fsw.telemetry.export.page").page()
+    text: str = import_module("offline.exports.page").page()
     return text
 
 

@@ -4,7 +4,7 @@ import re
 from importlib.metadata import PackageNotFoundError, requires
 
 PROJECT = "inertia-daemon"
-_OWN = ("fsw", "hil", "evidence", "ground", "file_delivery")
+_OWN = ("fsw", "planner", "offline", "hil", "evidence", "ground", "file_delivery")
 _EXTRA = re.compile(r"(?P<package>[\w.-]+).*;.*extra == ['\"](?P<extra>[\w-]+)['\"]")
 _IMPORTED_AS = {"pyerfa": "erfa"}  # packages whose module has another name
 

@@ -8,7 +8,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from fsw.commands.api import (
+    from offline.api import (
         Findings,
         Identification,
         Recording,
@@ -19,8 +19,8 @@ if TYPE_CHECKING:
         replay,
         report,
     )
-    from fsw.commands.arrays import Samples
-    from fsw.commands.robot import Robot
+    from offline.arrays import Samples
+    from offline.robot import Robot
 
 __all__ = [
     "Findings",
@@ -41,7 +41,7 @@ def __getattr__(name: str) -> object:
     """Import an API name at its first use, so that flight processes do not load the API."""
     if name not in __all__:
         raise AttributeError(f"module 'fsw' has no attribute {name!r}")
-    return getattr(import_module("fsw.commands.api"), name)
+    return getattr(import_module("offline.api"), name)
 
 
 def __dir__() -> list[str]:

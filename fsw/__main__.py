@@ -1,4 +1,4 @@
-"""Command line of the flight software: run, replay and check.
+"""Command line of the flight software, of its planner and of the tools beside it.
 
 Exit codes: 0 done, 1 a device or the estimator failed, 2 the configuration is wrong.
 """
@@ -9,38 +9,38 @@ import argparse
 import json
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fsw.commands.daemon_arguments import (
+from fsw.daemon_arguments import (
     bench_arguments,
     ctl_arguments,
     install_arguments,
+    overlay_argument,
     run_arguments,
 )
-from fsw.commands.examples import EXAMPLES
-from fsw.commands.excite_arguments import add_arguments as excite_arguments
-from fsw.commands.init_arguments import add_arguments as init_arguments
-from fsw.commands.out_argument import refuse_existing
-from fsw.commands.progress import Progress
-from fsw.commands.recording_arguments import (
+from fsw.errors import ConfigError, FswError, in_words
+from fsw.streams import open_standard_streams
+from offline.examples import EXAMPLES
+from offline.excite_arguments import add_arguments as excite_arguments
+from offline.init.arguments import add_arguments as init_arguments
+from offline.out_argument import refuse_existing
+from offline.progress import Progress
+from offline.recording_arguments import (
     calibrate_arguments,
     export_arguments,
     identify_arguments,
     import_arguments,
-    overlay_argument,
     replay_arguments,
     report_arguments,
     view_arguments,
 )
-from fsw.commands.streams import open_standard_streams
-from fsw.errors import ConfigError, FswError, in_words
 
 if TYPE_CHECKING:
-    from fsw.commands.robot import Robot
     from fsw.config import Config
+    from offline.robot import Robot
 
 CONFIG_EXIT = 2
 FAILED_EXIT = 1
@@ -98,7 +98,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _bench(arguments: argparse.Namespace) -> int:
-    from fsw.commands.bench import bench
+    from offline.bench import bench
 
     with Progress("bench") as progress:
         report = bench(
@@ -146,9 +146,13 @@ def _configuration_parsers(commands: argparse._SubParsersAction[argparse.Argumen
 
 def _warned(robot: Robot) -> Robot:
     """Print the warnings of a robot's configuration to stderr and return the robot."""
-    for warning in robot.warnings:
-        print(f"fsw: warning: {robot.config.name}: {warning}", file=sys.stderr)
+    _warn(robot.config, robot.warnings)
     return robot
+
+
+def _warn(config: Config, warnings: Iterable[str]) -> None:
+    for warning in warnings:
+        print(f"fsw: warning: {config.name}: {warning}", file=sys.stderr)
 
 
 def _config(arguments: argparse.Namespace) -> Config:
@@ -161,9 +165,11 @@ def _config(arguments: argparse.Namespace) -> Config:
 
 def _checked(config: Config) -> Config:
     """Validate a whole configuration, print its warnings to stderr and return it."""
-    from fsw.commands.robot import Robot
+    from fsw.checks.configuration import validate
 
-    return _warned(Robot(config)).config
+    _, warnings = validate(config)
+    _warn(config, warnings)
+    return config
 
 
 def _run(arguments: argparse.Namespace) -> int:
@@ -188,10 +194,10 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 def _replay(arguments: argparse.Namespace) -> int:
-    from fsw.commands.robot import Robot
+    from offline.robot import Robot
 
     given = None if arguments.config is None else Robot(arguments.config)
-    from fsw.commands.api import load, replay  # imported late: it can open recordings
+    from offline.api import load, replay  # imported late: it can open recordings
 
     recording = load(arguments.recording)
     robot = (recording.robot if given is None else given).with_overlays(*arguments.overlay)
@@ -207,11 +213,11 @@ def _replay(arguments: argparse.Namespace) -> int:
 
 
 def _report(arguments: argparse.Namespace) -> int:
-    from fsw.commands.robot import Robot
+    from offline.robot import Robot
 
     given = None if arguments.config is None else Robot(arguments.config)
-    from fsw.commands.api import load, report  # imported late: it can open recordings
-    from fsw.commands.report import LIVE
+    from offline.api import load, report  # imported late: it can open recordings
+    from offline.report import LIVE
 
     recording = str(arguments.recording)
     robot = load(recording).robot if given is None and recording != LIVE else given
@@ -242,11 +248,11 @@ def _report(arguments: argparse.Namespace) -> int:
 
 
 def _view(arguments: argparse.Namespace) -> int:
-    from fsw.commands.robot import Robot
+    from offline.robot import Robot
 
     robot = None if arguments.config is None else Robot(arguments.config)
-    from fsw.commands.api import load  # imported late: it can open recordings
-    from fsw.commands.view import PLANS, view
+    from offline.api import load  # imported late: it can open recordings
+    from offline.view import PLANS, view
 
     source: Path = arguments.source
     if robot is None and source.suffix in PLANS:
@@ -260,13 +266,13 @@ def _view(arguments: argparse.Namespace) -> int:
 
 
 def _identify(arguments: argparse.Namespace) -> int:
-    from fsw.commands.out_argument import refuse_no_folder, write_result
-    from fsw.commands.robot import Robot
+    from offline.out_argument import refuse_no_folder, write_result
+    from offline.robot import Robot
 
     refuse_no_folder(arguments.out, arguments.report)
     method, weighting, unknown = arguments.method, arguments.weighting, arguments.unknown
     given = None if arguments.config is None else Robot(arguments.config)
-    from fsw.commands.api import identify, load  # imported late: it can open recordings
+    from offline.api import identify, load  # imported late: it can open recordings
 
     robot = (given or load(arguments.recording).robot).with_overlays(*arguments.overlay)
     robot = _warned(robot.with_choices(method=method, weighting=weighting, unknown=unknown))
@@ -299,8 +305,8 @@ def _identify(arguments: argparse.Namespace) -> int:
 def _import(arguments: argparse.Namespace) -> int:
     if arguments.out is None:
         raise ConfigError("--out: missing; where shall the recording go?")
-    from fsw.commands.importing import import_recording
-    from fsw.commands.replay import doubts_of
+    from offline.importing import import_recording
+    from offline.replay import doubts_of
 
     config = _checked(_config(arguments))
     with Progress("import") as progress:
@@ -314,7 +320,7 @@ def _import(arguments: argparse.Namespace) -> int:
 
 
 def _calibrate(arguments: argparse.Namespace) -> int:
-    from fsw.commands.calibrate.command import calibrate
+    from offline.calibrate.command import calibrate
 
     with Progress("calibrate") as tell:
         text, shown = calibrate(arguments, tell)
@@ -328,16 +334,16 @@ def _calibrate(arguments: argparse.Namespace) -> int:
 
 
 def _excite(arguments: argparse.Namespace) -> int:
-    from fsw.commands.check import planning
+    from offline.check import planning
 
     config = _checked(_config(arguments))
     with planning("excite"):
-        from fsw.commands.excite import excite
+        from offline.excite import excite
     return excite(arguments, config)
 
 
 def _ctl(arguments: argparse.Namespace) -> int:
-    from fsw.commands.ctl import reply_to
+    from fsw.service.ctl import reply_to
 
     reply = reply_to(_config(arguments), arguments.name, arguments.arguments)
     print(json.dumps(reply))
@@ -345,7 +351,7 @@ def _ctl(arguments: argparse.Namespace) -> int:
 
 
 def _check(arguments: argparse.Namespace) -> int:
-    from fsw.commands.check import check
+    from offline.check import check
 
     text, agree = check(_config(arguments), arguments.other)
     print(text)
@@ -353,15 +359,15 @@ def _check(arguments: argparse.Namespace) -> int:
 
 
 def _init(arguments: argparse.Namespace) -> int:
-    from fsw.commands.init import init, listing
+    from offline.init.command import init, listing
 
     print(listing() if str(arguments.urdf) == "list" else init(arguments))
     return 0
 
 
 def _export(arguments: argparse.Namespace) -> int:
-    from fsw.commands.export_body import export
-    from fsw.commands.ros2 import write_package
+    from offline.export_body import export
+    from offline.ros2 import write_package
 
     if str(arguments.result) == "ros2":
         print(*write_package(arguments.out or Path("inertia_daemon_msgs")), sep="\n")
@@ -382,14 +388,14 @@ def _schema(arguments: argparse.Namespace) -> int:
 
 
 def _devices(_arguments: argparse.Namespace) -> int:
-    from fsw.commands.init_devices import codec_listing
+    from offline.init.devices import codec_listing
 
     print(codec_listing())
     return 0
 
 
 def _install_service(arguments: argparse.Namespace) -> int:
-    from fsw.commands.install_service import install
+    from fsw.service.install_service import install
 
     config, files = _checked(_config(arguments)), [arguments.config, *arguments.overlay]
     print(install(config, files, arguments.user, arguments.directory))

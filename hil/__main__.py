@@ -36,8 +36,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one subcommand and return the exit code."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: one core, one result
     arguments = parser().parse_args(argv)
-    from fsw.commands.out_argument import refuse_existing
     from hil.errors import explained
+    from offline.out_argument import refuse_existing
 
     def action() -> int:
         if "force" in arguments:

@@ -12,6 +12,7 @@ import yaml
 
 ROOT = Path(__file__).parents[1]
 TOOLS = Path(sys.executable).parent
+PACKAGES = ("evidence", "file_delivery", "fsw", "ground", "hil", "offline", "planner")
 
 COMMANDS = {
     "ruff check": ["ruff", "check", "."],
@@ -83,7 +84,7 @@ def test_every_file_of_the_packages_is_installed():
     patterns = settings["package-data"]["*"]
     left_out = [
         str(path.relative_to(ROOT))
-        for package in ("evidence", "file_delivery", "fsw", "ground", "hil")
+        for package in PACKAGES
         for path in (ROOT / package).rglob("*")
         if path.is_file() and "__pycache__" not in path.parts and path.suffix != ".py"
         if not any(path.match(pattern) for pattern in patterns)
@@ -92,8 +93,7 @@ def test_every_file_of_the_packages_is_installed():
 
 
 def test_no_module_imports_itself_by_a_detour():
-    packages = ("evidence", "file_delivery", "fsw", "ground", "hil")
-    graph = grimp.build_graph(*packages, exclude_type_checking_imports=True, cache_dir=None)
+    graph = grimp.build_graph(*PACKAGES, exclude_type_checking_imports=True, cache_dir=None)
     order = TopologicalSorter(
         {m: graph.find_modules_directly_imported_by(m) for m in graph.modules}
     )

@@ -10,15 +10,15 @@ from scipy.stats import chi2
 
 from evidence.campaign.config import Campaign
 from evidence.campaign.summary import ERRORS
-from fsw.commands.report.channel_sections import normalised_chart
-from fsw.commands.report.collect import versions
-from fsw.commands.report.page import page
-from fsw.commands.report.picture import write_png
-from fsw.commands.report.tables import Table as Rows
-from fsw.commands.report.tables import write_csv
-from fsw.commands.report.view import Chart, Line, Section, Table, View, numbers
 from fsw.estimators.model.inertia import NAMES
 from hil.world.scenario import load
+from offline.report.channel_sections import normalised_chart
+from offline.report.collect import versions
+from offline.report.page import page
+from offline.report.picture import write_png
+from offline.report.tables import Table as Rows
+from offline.report.tables import write_csv
+from offline.report.view import Chart, Line, Section, Table, View, numbers
 
 UNITS = ("kg", *("kg m",) * 3, *("kg m²",) * 6)
 SINGLE = (0.025, 0.975)  # quantiles of the band of one run's NEES

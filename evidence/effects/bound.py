@@ -23,11 +23,11 @@ from fsw.estimators.measurement.row_functions import Linearisation, row_function
 from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.model.robot import RobotModel
-from fsw.excitation.criteria import prior_root, triangular_root
 from fsw.messages import Block, IntArray
 from hil.world.inertia import FloatArray, pi_jacobian, pi_of
 from hil.world.prior import Prior
 from hil.world.scenario import Scenario, load
+from planner.criteria import prior_root, triangular_root
 
 SETTLED_RISES = 8.0  # rise times after which the force of a pulse has decayed
 

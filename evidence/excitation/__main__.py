@@ -17,8 +17,8 @@ from evidence.excitation.gradients import criterion_error, limits_error, race
 from evidence.excitation.replanned import Second, seconds
 from evidence.excitation.requests import INFEASIBLE, refusal, robust
 from evidence.excitation.scatter import scatter
-from fsw.excitation import criteria, spline
 from hil.options import count
+from planner import criteria, spline
 
 PARTS = ("gradients", "requests", "contests", "scatter", "race", "robust", "flown", "replanned")
 CRITERIA: tuple[criteria.Name, ...] = ("cond", "gamma", "sigma")

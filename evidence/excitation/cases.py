@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 
 from fsw.config import Config
-from fsw.excitation import limits as flight_limits
-from fsw.excitation.plan import Planner
-from fsw.excitation.request import MotionRequest
-from fsw.excitation.spline import Trajectory
-from fsw.excitation.subject import Subject, build_subject
 from hil.world.robot import Body, Robot, load_bodies
 from hil.world.spline import JointSpline
+from planner import limits as flight_limits
+from planner.plan import Planner
+from planner.request import MotionRequest
+from planner.spline import Trajectory
+from planner.subject import Subject, build_subject
 
 ROBOTS = Path(__file__).parents[2] / "hil" / "robots"
 URDF = ROBOTS / "lbr3_satellite.urdf"

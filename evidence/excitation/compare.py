@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from evidence.excitation.cases import DEFAULT, joint_spline, planner, subject, truth
-from fsw.excitation import criteria
-from fsw.excitation.design import Criterion
-from fsw.excitation.request import MotionPlan, MotionRequest, shown
 from hil.world.limits import LimitCheck, check, worst
 from hil.world.truth import simulate
+from planner import criteria
+from planner.design import Criterion
+from planner.request import MotionPlan, MotionRequest, shown
 
 TIME_RATIO = 10.0  # random search gets this many times the optimiser's processor time
 LEAST_RANDOM = 300  # least number of random motions

@@ -15,13 +15,13 @@ import numpy as np
 
 from fsw.config import Config
 from fsw.estimators.model.inertia import report_jacobian, to_parameters
-from fsw.excitation import criteria, spline
-from fsw.excitation.firings import Firing
-from fsw.excitation.foreseen import foreseen_root
-from fsw.excitation.subject import build_subject
 from hil.run import bench
 from hil.world.inertia import FloatArray
 from hil.world.scenario import Scenario, changed, load
+from planner import criteria, spline
+from planner.firings import Firing
+from planner.foreseen import foreseen_root
+from planner.subject import build_subject
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from evidence.excitation.cases import planner
-from fsw.excitation import criteria
-from fsw.excitation.design import Criterion, DesignRows, LimitRows
-from fsw.excitation.plan import Planner
-from fsw.excitation.solver import Effort, optimise
-from fsw.excitation.subject import Subject
 from hil.world.inertia import FloatArray
+from planner import criteria
+from planner.design import Criterion, DesignRows, LimitRows
+from planner.plan import Planner
+from planner.solver import Effort, optimise
+from planner.subject import Subject
 
 STEPS = (1e-3, 3e-4, 1e-4)  # steps along a random direction [rad]; the smallest error counts
 FORWARD_STEP_RAD = 1e-6

@@ -14,16 +14,16 @@ import numpy as np
 from evidence.excitation.cases import LIMITS
 from fsw.config import Config
 from fsw.estimators.model.inertia import report_jacobian, to_parameters
-from fsw.excitation import limits, spline
-from fsw.excitation.foreseen import foreseen_root
-from fsw.excitation.motion import predicted_sigma
-from fsw.excitation.plan import Planner
-from fsw.excitation.request import MotionRequest
-from fsw.excitation.subject import Subject, build_subject
 from hil.run import bench
 from hil.run.progress import Quiet
 from hil.world.inertia import FloatArray
 from hil.world.scenario import Scenario, load
+from planner import limits, spline
+from planner.foreseen import foreseen_root
+from planner.motion import predicted_sigma
+from planner.plan import Planner
+from planner.request import MotionRequest
+from planner.subject import Subject, build_subject
 
 SECOND = 1000  # seed of the second flight less the seed of the first flight
 Gaussian = tuple[FloatArray, FloatArray]  # mean (p,), covariance (p, p)

@@ -3,12 +3,12 @@
 from typing import Any
 
 from evidence.excitation import cases
-from fsw.excitation import limits as flight_limits
-from fsw.excitation.plan import Planner
-from fsw.excitation.request import InfeasibleError, MotionRequest
-from fsw.excitation.subject import build_subject
 from hil.world.limits import LimitCheck, check, worst
 from hil.world.truth import simulate
+from planner import limits as flight_limits
+from planner.plan import Planner
+from planner.request import InfeasibleError, MotionRequest
+from planner.subject import build_subject
 
 FOLDED = (0.0, 0.3, 0.0, -2.09, 0.0, 0.0, 0.0)  # the tool is in the sphere about the arm's base
 INFEASIBLE: dict[str, dict[str, Any]] = {

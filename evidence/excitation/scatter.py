@@ -12,13 +12,13 @@ from fsw.estimators.conditioning.blocks import build_conditioner
 from fsw.estimators.measurement.row_functions import row_function
 from fsw.estimators.model.inertia import is_consistent
 from fsw.estimators.model.problem import Problem
-from fsw.excitation import criteria
-from fsw.excitation.assess import information_root
-from fsw.excitation.spline import Trajectory
 from fsw.messages import Block, ChannelWindow, Window
 from hil.world.history import TruthHistory, TruthState
 from hil.world.inertia import FloatArray
 from hil.world.truth import simulate
+from planner import criteria
+from planner.assess import information_root
+from planner.spline import Trajectory
 
 CONFIDENCE = 0.99
 

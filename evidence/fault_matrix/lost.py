@@ -8,7 +8,6 @@ import json
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from fsw.commands.replay import replay
 from fsw.config import Config
 from fsw.drivers.codecs.canopen import COB_SYNC, COB_TPDO1, NODE_MASK
 from fsw.drivers.layout.shipped import JOINT, JOINT_FD
@@ -20,6 +19,7 @@ from fsw.exchange.sinks import IMU, STAR_TRACKER, CanTraffic, SerialTraffic
 from hil.judge.outcome import result_of
 from hil.judge.score import Result
 from hil.run.collector import Collector
+from offline.replay import replay
 
 COMMANDS, SERIAL = "/tc", "/serial/"
 Answer = tuple[int, int]  # node; number of the answered SYNC, in periods since the first SYNC

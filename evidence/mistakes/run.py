@@ -31,7 +31,6 @@ from evidence.methods.sensed import (
 from evidence.mistakes.readings import Readings, read, sent
 from evidence.mistakes.recording import CONFIG, RECORDING, judged
 from evidence.mistakes.table import Mistake, mistakes, wrong
-from fsw.commands.replay import replay
 from fsw.config import Config, load
 from fsw.errors import FswError
 from fsw.estimators.batch.run import run_batch
@@ -41,6 +40,7 @@ from fsw.exchange.sinks import Message, NullSink
 from fsw.messages import Block, Estimate
 from hil.judge.outcome import CONFIDENT, worst
 from hil.world.inertia import FloatArray
+from offline.replay import replay
 
 STREAM = 127  # spawn key of the samples' noise and biases
 SENSORS = "data sheet"

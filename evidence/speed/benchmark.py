@@ -26,7 +26,6 @@ import numpy as np
 from evidence.methods.exact import true_robot
 from evidence.speed import peers
 from evidence.speed.peers import Samples
-from fsw.commands.identify import identify
 from fsw.config import load
 from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.problem import Problem
@@ -39,6 +38,7 @@ from hil.run.progress import Quiet
 from hil.world.scenario import load as load_scenario
 from hil.world.spline import JointSpline
 from hil.world.truth import simulate
+from offline.identify import identify
 
 RATE_HZ = 500.0
 SCENARIO = "target_leo"  # scenario whose recording is identified

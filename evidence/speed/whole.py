@@ -24,7 +24,6 @@ from typing import Any
 import numpy as np
 
 from evidence.speed.link_delay import LinkDelays
-from fsw.commands.bench.timer import cyclictest_command, cyclictest_wakes
 from hil.judge.stalls import bench_stalls
 from hil.run import live
 from hil.run.bench import prepare
@@ -33,6 +32,7 @@ from hil.run.plant_document import plant_document
 from hil.run.processes import resident_bytes, tied
 from hil.run.progress import Meter
 from hil.world.scenario import load as load_scenario
+from offline.bench.timer import cyclictest_command, cyclictest_wakes
 
 SETTLE_S = 6.0  # start-up, which is not counted
 FRESH_NS = 500_000_000  # oldest status that goes with processor times of now

@@ -88,9 +88,9 @@ def run_plan(config: Config, request: PlanRequest, progress: Progress) -> JobRep
 
 
 def _planned(config: Config, request: PlanRequest, progress: Progress) -> Mapping[str, Any]:
-    from fsw.excitation.motion import bounds, planned
-    from fsw.excitation.request import MotionRequest
-    from fsw.excitation.subject import build_subject
+    from planner.motion import bounds, planned
+    from planner.request import MotionRequest
+    from planner.subject import build_subject
 
     own = config.excitation
     if own is None:

@@ -7,10 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from fsw.commands.replay_result import ReplayResult
-from fsw.commands.report.build import sections_of
-from fsw.commands.report.collect import collected_of
-from fsw.commands.report.view import Section
 from fsw.drivers.sources import ImuSource
 from fsw.estimators.recursive.online import build_online
 from fsw.messages import Block
@@ -25,6 +21,10 @@ from hil.run.bench import Recorded, Setup
 from hil.run.flight_sensors import bound_encoders, bound_sensors
 from hil.world.inertia import FloatArray, pi_of
 from hil.world.spline import JointSpline
+from offline.replay_result import ReplayResult
+from offline.report.build import sections_of
+from offline.report.collect import collected_of
+from offline.report.view import Section
 
 VALIDITY_FROM_S = 5.0  # the IMU's clock model has converged by then
 CHUNKS = 4096  # of the inertial unit that are decoded together

@@ -6,10 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from fsw.commands.report.page import page
-from fsw.commands.report.tables import Table as Rows
-from fsw.commands.report.tables import write_csv
-from fsw.commands.report.view import (
+from hil.judge.report import BAND_SIGMAS, Story
+from hil.judge.score import bound_words, exact_words, nees_words, table, table_header
+from hil.world.inertia import LABELS, FloatArray
+from offline.report.page import page
+from offline.report.tables import Table as Rows
+from offline.report.tables import write_csv
+from offline.report.view import (
     TIME,
     Chart,
     Line,
@@ -19,9 +22,6 @@ from fsw.commands.report.view import (
     line_of,
     thinned_axis,
 )
-from hil.judge.report import BAND_SIGMAS, Story
-from hil.judge.score import bound_words, exact_words, nees_words, table, table_header
-from hil.world.inertia import LABELS, FloatArray
 
 UNITS = ("kg", *("m",) * 3, *("kg m²",) * 6)
 SETTLED = 1 / 3  # of a run; the last two thirds set a chart's first range

@@ -12,8 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from fsw.commands.replay import replay
-from fsw.commands.report.collect import State, state_of
 from fsw.config import Config, load
 from fsw.drivers.wire import ByteChunk
 from fsw.estimators.pipeline import default_pipeline
@@ -43,6 +41,8 @@ from hil.world.scenario import Scenario, ScenarioError
 from hil.world.sensor_config import SensorConfig
 from hil.world.simulation import simulate_in
 from hil.world.spline import Motion
+from offline.replay import replay
+from offline.report.collect import State, state_of
 
 T0_NS = 10_000_000_000  # virtual time of power-on
 RECORDING = "recording.mcap"  # of a run in virtual time

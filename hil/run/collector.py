@@ -1,9 +1,9 @@
 """A sink that keeps results of a run; those of a long run are in a file."""
 
-from fsw.commands.shelf import Shelf
 from fsw.drivers.wire import ByteChunk
 from fsw.exchange.sinks import Message, NullSink, SerialTraffic
 from fsw.messages import Block, Estimate, Event
+from offline.shelf import Shelf
 
 
 class Collector(NullSink):

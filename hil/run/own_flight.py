@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
-from fsw.commands.replay import replay
 from fsw.config import Config, load
 from fsw.config.text import read_yaml
 from hil.judge.outcome import result_of
@@ -16,6 +15,7 @@ from hil.world.base_urdf import replace_base
 from hil.world.inertia import FloatArray
 from hil.world.prior import Prior
 from hil.world.scenario import BODY_NAMES, Scenario, report_from
+from offline.replay import replay
 
 FEED_LINK = {"interface": "samples", "channel": "127.0.0.1"}
 

@@ -6,9 +6,9 @@ import pytest
 
 HERE = Path(__file__).parent
 LONGEST = (  # by `--durations=0`; one worker takes a whole file
-    "fsw/commands/test_newcomer.py",
+    "offline/test_newcomer.py",
     "evidence/test_imported.py",
-    "fsw/commands/test_check_wires.py",
+    "offline/test_check_wires.py",
     "hil/test_own_wires.py",
     "hil/test_vcan.py",
     "hil/test_encoders.py",

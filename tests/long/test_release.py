@@ -19,7 +19,7 @@ from release.inventory import NAME, closure
 from release.try_container import instructions
 
 ROOT = Path(__file__).parents[2]
-PACKAGES = ("evidence", "file_delivery", "fsw", "ground", "hil")
+PACKAGES = ("evidence", "file_delivery", "fsw", "ground", "hil", "offline", "planner")
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 
 

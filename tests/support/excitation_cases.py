@@ -7,10 +7,10 @@ import numpy as np
 
 from evidence.excitation import cases
 from fsw.config import Config
-from fsw.excitation.limits import MotionLimits
-from fsw.excitation.limits import load as load_limits
-from fsw.excitation.spline import SplineLayout
-from fsw.excitation.subject import Subject, build_subject
+from planner.limits import MotionLimits
+from planner.limits import load as load_limits
+from planner.spline import SplineLayout
+from planner.subject import Subject, build_subject
 
 LIMITS_FILE = Path(cases.LIMITS)
 SYSTEMS = tuple(cases.SYSTEMS)

@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from fsw.commands.replay import replay
 from fsw.config import Config
 from fsw.drivers.wire import (
     ByteChunk,
@@ -35,6 +34,7 @@ from hil.run import bench
 from hil.run.collector import Collector
 from hil.world.inertia import pi_of
 from hil.world.scenario import load
+from offline.replay import replay
 
 ARM, IMU, TRACKER = "/can/arm", "/serial/imu", "/serial/star_tracker"
 BEFORE_S = 1.0

@@ -16,9 +16,9 @@ import jsonschema
 import pytest
 import yaml
 
-from fsw.commands.importing.mapping import Mapping
 from fsw.config.reference import json_schema
 from hil.world.scenario import Document
+from offline.importing.mapping import Mapping
 from tests.support.commands import PROGRAMS, command_line_fault
 
 ROOT = Path(__file__).parents[2]
@@ -28,7 +28,7 @@ PAGES = [*sorted(DOCS.rglob("*.md")), *(ROOT / name for name in BESIDE)]
 BLOCK = re.compile(r"^```(\S*)([^\n]*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 NUMBER = re.compile(r"[-+]?\d[\d.]*(?:e[-+]?\d+)?")
 GENERATED = ("licences", "python", "index")  # index: a list of the others
-RUN_ELSEWHERE = {"api.md": "tests/virtual/fsw/commands/test_api.py"}
+RUN_ELSEWHERE = {"api.md": "tests/virtual/offline/test_api.py"}
 MAPPINGS = "docs/import.md"  # its blocks are of fsw import, no configuration
 NO_NETWORK = {f"{kind}_proxy": "http://127.0.0.1:9" for kind in ("http", "https", "all")}
 
@@ -223,7 +223,7 @@ def test_the_site_builds_without_a_warning_and_fetches_nothing(tmp_path):
     commands = (site / "reference" / "commands.html").read_text(encoding="utf-8")
     assert "example: ground file rm" in commands
     assert "scheduler.tick_rate_hz" in (site / "configuration.html").read_text(encoding="utf-8")
-    assert 'id="fsw.commands.api.identify"' in (site / "reference" / "python.html").read_text(
+    assert 'id="offline.api.identify"' in (site / "reference" / "python.html").read_text(
         encoding="utf-8"
     )
 

@@ -171,6 +171,23 @@ def test_what_fsw_run_imports_stays_light():
     assert (done.returncode, done.stderr) == (0, "")
 
 
+def test_what_flies_loads_neither_planner_nor_offline_tools(arm):
+    """Of both only the parsers of the command line, its words and its progress."""
+    program = f"""
+import sys, fsw.__main__ as line, fsw.loop.app, fsw.estimation.process, fsw.service.process
+from fsw.checks.configuration import validate_ports
+arguments = line.parser().parse_args(["run", {str(arm.write())!r}])
+validate_ports(line._checked(line._config(arguments)))
+print(*(name for name in sys.modules if name.partition(".")[0] in ("planner", "offline")))
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True
+    )
+    arguments = {"offline.excite_arguments", "offline.init.arguments", "offline.out_argument"}
+    words = {"offline", "offline.init", "offline.examples", "offline.progress"}
+    assert set(done.stdout.split()) == arguments | words | {"offline.recording_arguments"}
+
+
 @pytest.mark.parametrize("program", PROGRAMS)
 def test_a_command_line_is_read_without_what_its_commands_need(program):
     """Every process of a bench reads one: numpy, SciPy and MuJoCo alone take two seconds."""
@@ -196,9 +213,9 @@ def test_every_command_says_its_version(entry, capsys):
 
 def test_planning_without_its_libraries_is_one_line(arm, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "casadi", None)
-    for name in [name for name in sys.modules if name.startswith("fsw.excitation.")]:
+    for name in [name for name in sys.modules if name.startswith("planner.")]:
         monkeypatch.delitem(sys.modules, name)
-    monkeypatch.delitem(sys.modules, "fsw.commands.excite", raising=False)
+    monkeypatch.delitem(sys.modules, "offline.excite", raising=False)
     assert main(["excite", str(arm.write())]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "pip install 'inertia-daemon[excite]'" in line

@@ -11,7 +11,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from evidence.imported.case import WRIST_OFFSET, Case, identified, imported, row_of
-from fsw.commands.importing.bags import WRENCH, bag_columns
+from offline.importing.bags import WRENCH, bag_columns
 
 CHI2_4_9999 = 23.5
 SEED = 40

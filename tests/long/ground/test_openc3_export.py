@@ -12,8 +12,8 @@ from fsw.telemetry.dictionary import DICTIONARY, Significance
 
 pytest.importorskip("yamcs.pymdb", reason="needs yamcs-pymdb: pip install '.[test]'")
 
-from fsw.telemetry.export import FOLDER
-from fsw.telemetry.export.single import single_commands
+from offline.exports import FOLDER
+from offline.exports.single import single_commands
 
 ROOT = Path(__file__).parents[3]
 OPENC3 = Path(sys.prefix) / "openc3" / "bin" / "python"

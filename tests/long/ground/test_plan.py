@@ -10,12 +10,12 @@ import pytest
 
 from fsw.config import load
 from fsw.estimators.model.inertia import to_parameters
-from fsw.excitation import spline
-from fsw.excitation.limits import load as load_limits
-from fsw.excitation.subject import build_subject
-from fsw.excitation.verify import every_limit
 from ground.downlink import ClearStream
 from ground.telemetry import TelemetryDecoder
+from planner import spline
+from planner.limits import load as load_limits
+from planner.subject import build_subject
+from planner.verify import every_limit
 from tests.support.excitation_cases import LIMITS_FILE
 from tests.support.live_run import LiveRun, ground, wait_for
 from tests.support.tour import Tour

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from fsw.checks.configuration import validate
-from fsw.commands.describe import describe
 from fsw.estimators.batch.run import run_batch
 from fsw.estimators.model import building
 from fsw.exchange.checkpoint import Checkpoint, Identity, decode, encode
@@ -18,6 +17,7 @@ from hil.judge import judgement
 from hil.run import bench
 from hil.run.bench import T0_NS
 from hil.world.robot import body_of
+from offline.describe import describe
 from tests.support.estimator_cases import parameters
 from tests.support.flown_daemon import Kept, bench_of, daemon_on, fly
 from tests.support.short_cases import NoMeter, short

@@ -8,7 +8,7 @@ from evidence.excitation.compare import contests
 from evidence.excitation.gradients import criterion_error, limits_error, race
 from evidence.excitation.requests import INFEASIBLE, refusal
 from evidence.excitation.scatter import scatter
-from fsw.excitation.request import MotionRequest
+from planner.request import MotionRequest
 
 
 def test_gradients_agree_with_finite_differences():

@@ -17,12 +17,12 @@ import pytest
 from evidence.excitation import cases
 from fsw.config import Config
 from fsw.errors import CommandError
-from fsw.excitation.subject import build_subject
 from fsw.messages.commands import Code, Command, CommandName
 from fsw.service import worker
 from fsw.service.batch_jobs import BatchJobs
 from fsw.service.worker import Job
 from hil.world.spline import JointSpline
+from planner.subject import build_subject
 from tests.support.excitation_cases import LIMITS_FILE
 from tests.support.loop_cases import make_estimate
 

@@ -9,8 +9,6 @@ import pytest
 from scipy.stats import chi2
 
 from evidence.fault_matrix import run, table
-from fsw.commands import identify as identification
-from fsw.commands.replay import replay
 from fsw.config import Config
 from fsw.estimators.batch.run import run_batch
 from fsw.estimators.batch.screening import screened
@@ -21,6 +19,8 @@ from hil.run.bench import Setup
 from hil.run.collector import Collector
 from hil.run.progress import Quiet
 from hil.world.inertia import pi_of
+from offline import identify as identification
+from offline.replay import replay
 
 pytestmark = pytest.mark.timeout(600)
 BOUNDS = table.load()

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fsw.commands.replay import replay
 from fsw.exchange.checkpoint import Checkpoint, Identity, decode, encode
 from fsw.exchange.checkpoint_store import CheckpointStore, identity_of
 from fsw.exchange.restart import Mode, judge
@@ -16,6 +15,7 @@ from fsw.service.checkpoint_keeper import CheckpointKeeper
 from fsw.service.recorder import CHECKPOINT, RecorderSink, open_recording
 from hil.links.virtual import VirtualBench
 from hil.run.bench import Setup
+from offline.replay import replay
 from tests.support.flown_daemon import Kept, S, bench_of, daemon_on, fly
 from tests.support.malformed_cases import CHI2_10_999, normalised_error, short
 

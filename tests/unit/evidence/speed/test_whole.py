@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from evidence.speed.whole import FRESH_NS, SETTLE_S, _Watch, granted, missed, quantile
-from fsw.commands.bench.timer import cyclictest_command, cyclictest_wakes
+from offline.bench.timer import cyclictest_command, cyclictest_wakes
 
 PERIOD_US = 2000.0
 

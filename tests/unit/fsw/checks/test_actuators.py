@@ -4,10 +4,10 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from fsw.checks.configuration import validate
-from fsw.commands.describe import describe
 from fsw.config import load
 from fsw.config.reference import json_schema
 from fsw.errors import ConfigError
+from offline.describe import describe
 from tests.support.check_cases import assert_named
 
 

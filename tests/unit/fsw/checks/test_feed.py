@@ -3,11 +3,11 @@
 import pytest
 
 from fsw.checks.configuration import missing_devices, validate, validate_ports
-from fsw.commands.check_recording import _advice
-from fsw.commands.describe import describe
-from fsw.commands.replay import topics_of
 from fsw.config import load
 from fsw.errors import ConfigError
+from offline.check_recording import _advice
+from offline.describe import describe
+from offline.replay import topics_of
 from tests.support.check_cases import assert_named, fault
 from tests.support.feed_cases import KEY, on_feed, write_key
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from fsw.checks.configuration import validate
-from fsw.commands.describe import describe
 from fsw.config import load
 from fsw.estimators.conditioning.polynomial import NodeFit, gauss_nodes
 from fsw.estimators.model.modes import NODES_PER_PERIOD
+from offline.describe import describe
 from tests.support.check_cases import assert_named, fault
 from tests.unit.fsw.checks.test_actuators import wheel
 from tests.unit.fsw.checks.test_base_parts import tank

@@ -5,11 +5,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fsw.commands.replay_result import known_by
 from fsw.estimators.diagnosis import diagnose, plain
 from fsw.estimators.model.inertia import NAMES, report_jacobian, to_parameters
 from fsw.estimators.parameter_verdicts import in_words, parameter_verdicts
 from fsw.messages import BodyEstimate
+from offline.replay_result import known_by
 
 MASS, COM, INERTIA = 0.5, np.array([0.01, 0.0, 0.1]), np.array([5e-3, 0, 0, 5e-3, 0, 4e-3])
 

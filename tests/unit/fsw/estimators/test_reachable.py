@@ -6,23 +6,26 @@ from pathlib import Path
 ROOT = Path(__file__).parents[4]
 ENTRIES = (
     "fsw.estimation.process",
-    "fsw.commands.identify",
-    "fsw.commands.replay",
+    "offline.identify",
+    "offline.replay",
     "fsw.service.worker",
 )
 
 
+PACKAGES = ("fsw", "planner", "offline")
+
+
 def modules() -> dict[str, Path]:
-    """Return every module of the package by name."""
+    """Return every module of the flight software, the planner and the offline tools by name."""
     found = {}
-    for path in (ROOT / "fsw").rglob("*.py"):
+    for path in (path for package in PACKAGES for path in (ROOT / package).rglob("*.py")):
         parts = path.relative_to(ROOT).with_suffix("").parts
         found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
     return found
 
 
 def imported(path: Path, known: dict[str, Path]) -> set[str]:
-    """Return the modules of the package that a file imports, at its top or within a function."""
+    """Return the modules of these packages that a file imports, at its top or within a function."""
     names: set[str] = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
@@ -52,7 +55,7 @@ def test_every_estimator_module_is_reached_from_a_command_or_the_worker() -> Non
 
 def test_nothing_of_the_flight_software_needs_a_compiler() -> None:
     """A start that waits for numba's compiler is no start of a flight program."""
-    for path in (ROOT / "fsw").rglob("*.py"):
+    for path in modules().values():
         tree = ast.parse(path.read_text(encoding="utf-8"))
         names = [a.name for n in ast.walk(tree) if isinstance(n, ast.Import) for a in n.names]
         names += [n.module or "" for n in ast.walk(tree) if isinstance(n, ast.ImportFrom)]

@@ -80,7 +80,7 @@ def test_every_fault_and_every_event_in_the_source_has_a_number():
     raised |= set(re.findall(r'"((?:CAN|NODE)_[A-Z_]+)"', source))  # named apart from severity
     raised |= {f"CAN_{condition.upper()}" for condition in BusCondition}
     assert raised | {str(fault) for fault in Fault} | {RECOVERED} <= known, (
-        "add them to fsw/telemetry/dictionary/events.py, then python -m fsw.telemetry.export"
+        "add them to fsw/telemetry/dictionary/events.py, then python -m offline.exports"
     )
     assert len({event.id for event in DICTIONARY.events}) == len(DICTIONARY.events)
     told = {event.code: event.severity.name.lower() for event in DICTIONARY.events}

@@ -7,10 +7,10 @@ import re
 import numpy as np
 import pytest
 
-from fsw.commands.report.view import Section
 from hil.judge.page import save
 from hil.world.inertia import LABELS
 from hil.world.scenario import mapping_from
+from offline.report.view import Section
 from tests.support.stories import TRUTH, story
 
 REST = [Section(title="Configuration", source="name: </script>flight\n")]

@@ -2,10 +2,10 @@
 
 import tracemalloc
 
-from fsw.commands.shelf import IN_MEMORY
 from fsw.drivers.wire import ByteChunk
 from fsw.exchange.sinks import SerialTraffic
 from hil.run.collector import Collector
+from offline.shelf import IN_MEMORY
 
 PER_SECOND = 500
 BOUND = 20.0  # bytes of memory for a further chunk; itself it has some 150

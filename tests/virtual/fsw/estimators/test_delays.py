@@ -13,11 +13,11 @@ import pytest
 from scipy.stats import chi2
 
 from fsw.__main__ import main
-from fsw.commands.replay import replay
 from fsw.config import Config, load
 from fsw.config.overlay_file import with_overlays
 from fsw.messages import Estimate
 from hil.run.bench import prepare, run_virtual
+from offline.replay import replay
 from tests.support.estimator_cases import TARGET, parameters
 from tests.support.short_cases import NoMeter, short
 

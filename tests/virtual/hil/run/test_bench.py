@@ -125,7 +125,7 @@ def test_a_seed_fixes_every_bit(run, tmp_path):
 
 
 def test_the_recording_replays_to_the_same_estimate(run):
-    from fsw.commands.replay import replay
+    from offline.replay import replay
 
     setup, _, recorded, _, _ = run
     replayed = replay(setup.folder / "recording.mcap", setup.config)

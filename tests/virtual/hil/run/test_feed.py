@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import pytest
 
-from fsw.commands.replay import replay
 from fsw.exchange.recording import contents
 from fsw.exchange.status import estimate_summary
 from hil.run import bench
+from offline.replay import replay
 from tests.support.short_cases import NoMeter, short
 
 FEED = {

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fsw.commands.init_devices import codec_listing, library
 from fsw.config import ImuConfig, StarTrackerConfig
 from fsw.drivers.codecs import entries
 from fsw.drivers.codecs.kvh import KvhCodec
@@ -14,6 +13,7 @@ from fsw.drivers.codecs.sagitta import SagittaCodec
 from fsw.drivers.sources import ImuSource
 from fsw.drivers.wire import ByteChunk
 from fsw.errors import ConfigError
+from offline.init.devices import codec_listing, library
 from tests.support.driver_configs import imu_config
 
 FOREIGN = '''

@@ -1,5 +1,0 @@
-"""`fsw view`: write a page with a three-dimensional scene of a recorded or planned motion."""
-
-from fsw.commands.view.write import PLANS, view
-
-__all__ = ["PLANS", "view"]

@@ -1,1 +1,0 @@
-"""Excitation: joint trajectories that make the fused estimate good, within every limit."""

@@ -1,0 +1,1 @@
+"""`fsw init`: write a configuration for a URDF, from flags, answers, recordings or logs."""

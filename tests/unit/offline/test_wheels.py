@@ -1,0 +1,23 @@
+"""Commands on a robot with reaction wheels."""
+
+import struct
+
+from fsw.drivers.wire import CanFrame, frame_array
+from fsw.exchange.sinks import CanTraffic
+from offline.excite import what_stands_still
+from offline.nodes import Nodes
+from tests.support.wheel_cases import config_with_wheels
+
+
+def test_wheel_nodes_are_no_strangers_in_a_recording() -> None:
+    nodes = Nodes(config_with_wheels())
+    data = struct.pack("<ihBB", 0, 0, 9, 1)
+    frames = [CanFrame(1, 0x180 + node, data) for node in (0x11, 0x21, 0x24)]
+    nodes.put(CanTraffic("arm", frame_array(frames)))
+    assert not any("are no nodes" in line for line in nodes.findings())
+    nodes.put(CanTraffic("arm", frame_array([CanFrame(1, 0x1A5, data)])))
+    assert "0x25" in nodes.findings()[0]
+
+
+def test_a_plan_says_that_wheels_stand_still() -> None:
+    assert "as if they stood still" in what_stands_still(config_with_wheels(), ())[0]
