@@ -6,7 +6,7 @@ from importlib.metadata import PackageNotFoundError, requires
 PROJECT = "inertia-daemon"
 _OWN = ("fsw", "planner", "offline", "hil", "evidence", "ground", "file_delivery")
 _EXTRA = re.compile(r"(?P<package>[\w.-]+).*;.*extra == ['\"](?P<extra>[\w-]+)['\"]")
-_IMPORTED_AS = {"pyerfa": "erfa"}  # packages whose module has another name
+_IMPORTED_AS = {"pyerfa": "erfa", "yamcs_pymdb": "yamcs"}  # packages whose module has another name
 
 
 def cure(error: ModuleNotFoundError, program: str) -> str:

@@ -366,6 +366,11 @@ def _init(arguments: argparse.Namespace) -> int:
 
 
 def _export(arguments: argparse.Namespace) -> int:
+    if str(arguments.result) == "dictionary":
+        from offline.exports import write
+
+        print(*write(arguments.out or Path("inertia_dictionary")), sep="\n")
+        return 0
     from offline.export_body import export
     from offline.ros2 import write_package
 

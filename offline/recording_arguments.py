@@ -143,7 +143,9 @@ def calibrate_arguments(commands: Commands, command: Command) -> None:
 def export_arguments(commands: Commands, command: Command) -> None:
     """Add the parser of `fsw export`."""
     export = commands.add_parser(
-        "export", help="an identified body for other tools; `export ros2`: the message package"
+        "export",
+        help="an identified body for other tools; `export ros2`: the message package; "
+        "`export dictionary`: the telemetry dictionary for ground tools",
     )
     export.add_argument("result", type=Path, metavar="RESULT", help="of fsw identify --json")
     kinds = ("urdf", "sdf", "mjcf", "json", "csv", "parquet", "ros2")

@@ -7,23 +7,18 @@ import argparse
 import sys
 from pathlib import Path
 
-from offline.exports import FOLDER, documents
+from offline.exports import FOLDER, write
 
 
 def main(argv: list[str] | None = None) -> int:
     """Write all files, remove tables of packets that no longer exist; return the exit code 0."""
     parser = argparse.ArgumentParser(prog="offline.exports", description=__doc__)
     parser.add_argument("folder", type=Path, nargs="?", default=Path(), help="of the project")
-    folder = parser.parse_args(argv).folder
-    found = documents()
-    for old in (folder / FOLDER / "ccsdspy").glob("*.csv"):
-        if str(old.relative_to(folder)) not in found:
-            old.unlink()
-    for name, text in found.items():
-        path = folder / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
-    print(f"{len(found)} files written")
+    folder = parser.parse_args(argv).folder / FOLDER
+    written = write(folder)
+    for old in {*(folder / "ccsdspy").glob("*.csv")} - {*written}:
+        old.unlink()
+    print(f"{len(written)} files written")
     return 0
 
 

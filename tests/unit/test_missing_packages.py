@@ -55,7 +55,7 @@ def test_help_needs_no_extra(program):
 
 
 def test_every_extra_is_named_for_its_packages():
-    modules = {"pyerfa": "erfa", "idyntree": "idyntree", "orekit-jpype": "orekit_jpype"}
+    modules = {"pyerfa": "erfa", "yamcs-pymdb": "yamcs"}
     extras = PROJECT["optional-dependencies"]
     for extra in ("excite", "ros2", "parquet", "view", "hil", "ground", "orekit"):
         for line in extras[extra]:

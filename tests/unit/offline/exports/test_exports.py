@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fsw.__main__ import main
 from fsw.telemetry.dictionary import DICTIONARY, Packet, Type
 from tests.support.packing import pack, random_values
 
@@ -41,6 +42,22 @@ def test_the_checked_in_files_are_what_the_dictionary_gives(exports):
         assert (ROOT / name).read_text(encoding="utf-8") == text, (
             f"{name} is not up to date: python -m offline.exports"
         )
+
+
+def test_the_command_writes_the_same_files(tmp_path, capsys):
+    out = tmp_path / "out"
+    assert main(["export", "dictionary", "--out", str(out)]) == 0
+    told = [Path(line).relative_to(out) for line in capsys.readouterr().out.splitlines()]
+    assert len(told) > 50
+    for name in told:
+        assert (out / name).read_bytes() == (ROOT / FOLDER / name).read_bytes()
+
+
+def test_a_disk_that_refuses_the_files_is_one_line(tmp_path, capsys):
+    (tmp_path / "file").touch()
+    assert main(["export", "dictionary", "--out", str(tmp_path / "file" / "out")]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.endswith("cannot be written: Not a directory")
 
 
 def test_no_file_is_left_of_a_packet_that_is_no_more(exports):
