@@ -5,14 +5,17 @@ and the base's inertia never becomes singular; the covariance is given in the li
 """
 
 from collections.abc import Callable, Sequence
-from itertools import compress
+from itertools import compress, pairwise
 
 import numpy as np
+from scipy.special import chdtri
 
 from fsw.estimators.batch.curvature import STIFF, WEAK, Widening, widen
 from fsw.estimators.batch.plain import (
     CONVERGED,
     MAX_PLAIN_STEPS,
+    NOISE_PROBABILITY,
+    PATIENCE,
     WEAKEST_GAIN,
     BatchSolution,
     RowsAt,
@@ -128,11 +131,15 @@ def _damped(
     progress: Progress | None,
     max_iterations: int,
 ) -> BatchSolution:
-    """Return the end of Levenberg-Marquardt over the consistent bodies, from x (p,)."""
+    """Return the end of Levenberg-Marquardt over the consistent bodies, from x (p,).
+
+    It ends early, not converged, if steps at their present rate do not settle in the passes left,
+    and the prior's cost at the present gain does not fall to what the declared doubts explain.
+    """
     theta = to_theta(problem, x)
     x = to_x(problem, theta)
     damping, iterations, status, before = DAMPING, 0, "NOT_CONVERGED", x
-    away: list[str] = []
+    away, steps = list[str](), list[float]()
     stacked, b = target(x)
     cost = cost_of(prior, x, b)
     while iterations < max_iterations:
@@ -175,6 +182,11 @@ def _damped(
         away = _runs_away(problem, step) if gained < CONVERGED**2 * len(x) else []
         if moved < CONVERGED or away:
             status = "OK"
+            break
+        left = max_iterations - iterations
+        strain = prior.cost(x) - left * gained
+        steps = [] if _runs_away(problem, step) else [*steps, moved]
+        if _crawl(steps, left) and strain > chdtri(len(x), NOISE_PROBABILITY):
             break
     if status == "OK" and weakest_gain(problem, stacked) < WEAKEST_GAIN:
         status = "INSUFFICIENT_EXCITATION"
@@ -306,6 +318,18 @@ def _bounded(problem: Problem, step: FloatArray) -> FloatArray:
     largest = max(_log_factor(problem, step, name) for name in problem.unknown)
     bounded: FloatArray = step / max(1.0, float(largest))
     return bounded
+
+
+def _crawl(steps: Sequence[float], left: int) -> bool:
+    """Return whether steps do not settle in the passes left at their best rate of late.
+
+    Steps near a least cost shrink by one factor each (Dennis, Schnabel, Numerical Methods (1983),
+    2.3); with fewer than PATIENCE passes left there is little to save.
+    """
+    if len(steps) <= PATIENCE or left < PATIENCE:
+        return False
+    rate = min(after / before for before, after in pairwise(steps[-PATIENCE - 1 :]))
+    return steps[-1] * min(rate, 1.0) ** left >= CONVERGED
 
 
 def _runs_away(problem: Problem, step: FloatArray) -> list[str]:

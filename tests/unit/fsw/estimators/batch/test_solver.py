@@ -1,9 +1,10 @@
 """The damped solver: how many rows it asks for, and where it ends."""
 
 import numpy as np
+import pytest
 
 from fsw.estimators.batch.plain import MAX_PLAIN_STEPS, PATIENCE, gauss_newton, light
-from fsw.estimators.batch.solver import minimise
+from fsw.estimators.batch.solver import MAX_ITERATIONS, minimise
 from fsw.messages import FloatArray
 from tests.support.estimator_cases import make_problem
 
@@ -48,3 +49,30 @@ def test_steps_that_swing_about_end_long_before_the_last_one() -> None:
     asked.clear()
     assert light(problem, rows, problem.prior, problem.prior_mean) is None
     assert len(asked) <= PATIENCE + 2
+
+
+@pytest.mark.parametrize(
+    ("strain", "stiffness", "status", "least", "most"),
+    [
+        (50.0, 15.0, "NOT_CONVERGED", PATIENCE, 2 * PATIENCE),  # no doubt explains 50 sigma
+        (50.0, 2.0, "OK", 2 * PATIENCE, MAX_ITERATIONS),  # it gets there in time
+        (0.5, 15.0, "NOT_CONVERGED", MAX_ITERATIONS, MAX_ITERATIONS),  # the prior explains it
+    ],
+)
+def test_a_crawl_that_nothing_explains_ends_early(strain, stiffness, status, least, most) -> None:
+    """Rows that fit everywhere hold the sensors' states, so that steps to the prior are short."""
+    problem = make_problem(("target",))
+    sigma = np.sqrt(np.diag(problem.prior_covariance))
+    start = problem.prior_mean.copy()
+    start[problem.bodies.stop :] += strain * sigma[problem.bodies.stop :]
+    weights = stiffness / sigma
+    weights[problem.bodies] = 100.0 / sigma[problem.bodies]
+
+    def rows(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        off = weights * (problem.prior_mean - x)
+        off[problem.bodies.stop :] = 0.0
+        return np.diag(weights), off
+
+    found = minimise(problem, rows, start=start, plain=False)
+    assert found.status == status
+    assert least <= found.iterations <= most
