@@ -139,7 +139,7 @@ def _damped(
     theta = to_theta(problem, x)
     x = to_x(problem, theta)
     damping, iterations, status, before = DAMPING, 0, "NOT_CONVERGED", x
-    away, steps = list[str](), list[float]()
+    away, crawl = list[str](), _Crawl(problem, prior, max_iterations)
     stacked, b = target(x)
     cost = cost_of(prior, x, b)
     while iterations < max_iterations:
@@ -183,10 +183,7 @@ def _damped(
         if moved < CONVERGED or away:
             status = "OK"
             break
-        left = max_iterations - iterations
-        strain = prior.cost(x) - left * gained
-        steps = [] if _runs_away(problem, step) else [*steps, moved]
-        if _crawl(steps, left) and strain > chdtri(len(x), NOISE_PROBABILITY):
+        if crawl.is_hopeless(x, step, moved, gained):
             break
     if status == "OK" and weakest_gain(problem, stacked) < WEAKEST_GAIN:
         status = "INSUFFICIENT_EXCITATION"
@@ -320,16 +317,29 @@ def _bounded(problem: Problem, step: FloatArray) -> FloatArray:
     return bounded
 
 
-def _crawl(steps: Sequence[float], left: int) -> bool:
-    """Return whether steps do not settle in the passes left at their best rate of late.
+class _Crawl:
+    """Steps so far, to tell a search that cannot end well."""
 
-    Steps near a least cost shrink by one factor each (Dennis, Schnabel, Numerical Methods (1983),
-    2.3); with fewer than PATIENCE passes left there is little to save.
-    """
-    if len(steps) <= PATIENCE or left < PATIENCE:
-        return False
-    rate = min(after / before for before, after in pairwise(steps[-PATIENCE - 1 :]))
-    return steps[-1] * min(rate, 1.0) ** left >= CONVERGED
+    def __init__(self, problem: Problem, prior: Prior, most: int) -> None:
+        self._problem, self._prior, self._left = problem, prior, most
+        self._lengths: list[float] = []
+
+    def is_hopeless(self, x: FloatArray, step: FloatArray, moved: float, gained: float) -> bool:
+        """Add a step to x (p,); return whether steps do not settle, far from what doubts explain.
+
+        Steps near a least cost shrink by one factor each (Dennis, Schnabel, Numerical Methods
+        (1983), 2.3); the best factor of late is taken for all passes left, and so is the last gain
+        for the prior's cost. With fewer than PATIENCE passes left there is little to save.
+        """
+        self._left -= 1
+        self._lengths = [] if _runs_away(self._problem, step) else [*self._lengths, moved]
+        if len(self._lengths) <= PATIENCE or self._left < PATIENCE:
+            return False
+        last = self._lengths[-PATIENCE - 1 :]
+        rate = min(1.0, *(after / before for before, after in pairwise(last)))
+        strain = self._prior.cost(x) - self._left * gained
+        explained = float(chdtri(len(x), NOISE_PROBABILITY))
+        return moved * rate**self._left >= CONVERGED and strain > explained
 
 
 def _runs_away(problem: Problem, step: FloatArray) -> list[str]:
