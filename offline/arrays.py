@@ -184,9 +184,13 @@ class Samples:
 def _numbers(name: str, values: ArrayLike) -> FloatArray:
     """Return an array of the shape that its name has, which nobody can change."""
     try:
-        found = np.array(values, np.float64)
+        given: Any = np.ma.asarray(values)
+        is_real = given.dtype.kind not in "bc"
+        found: FloatArray = np.array(given.real.astype(np.float64).filled(np.nan))
     except (TypeError, ValueError) as error:
         raise ConfigError(f"samples: {name}: {brief(values)} must be numbers") from error
+    if not is_real:
+        raise ConfigError(f"samples: {name}: {given.dtype}; must be real numbers")
     axes = 1 if name in TIMES else 2
     width = WIDTHS.get(name)
     if found.ndim != axes or len(found) < LEAST or (width and found.shape[1] != width):

@@ -34,6 +34,7 @@ _BROKEN = (
     zipfile.BadZipFile,
     zlib.error,
 )
+SCALED = ("ms", "us", "ns")  # units of numbers, which dates are not
 ISO = "iso"  # unit of times that are dates
 
 
@@ -65,7 +66,9 @@ class Table:
         held = self._columns.values[name]
         if not isinstance(held, np.ndarray):
             return 1
-        return {1: 1, 2: held.shape[-1]}.get(held.ndim, 0) if held.dtype.kind in "fiuM" else 0
+        if held.dtype.kind not in "fiuM" or held.ndim not in (1, 2):
+            return 0
+        return 1 if held.ndim == 1 else held.shape[1]
 
     @property
     def row(self) -> str:
@@ -97,6 +100,8 @@ class Table:
             notes = ["times without a zone, read as UTC"] * (not has_zone(held))
         elif not isinstance(held, np.ndarray):
             values = numbers(self.path, name, held, self._columns.lines)
+        elif held.dtype.kind == "M" and unit in SCALED:
+            raise ConfigError(f"{self.path}: {name!r} holds dates; its unit must be iso")
         elif held.dtype.kind == "M":
             values = np.where(np.isnat(held), np.nan, held.astype("M8[us]").astype(np.int64) * 1e-6)
         else:
@@ -104,7 +109,7 @@ class Table:
         if values.dtype.kind not in "fiu" or values.ndim not in (1, 2):
             words = f"holds {values.dtype} of shape {values.shape}"
             raise ConfigError(f"{self.path}: {name!r} {words}; must be numbers, a row a sample")
-        return values.astype(np.float64).reshape(len(values), -1), notes
+        return np.atleast_2d(values.astype(np.float64).T).T, notes
 
     def _held(self, name: str) -> Sequence[str] | NDArray[np.generic]:
         """Return the cells or values of a column that is mapped by name or number."""
@@ -166,8 +171,21 @@ def _field(name: str) -> str:
 
 
 def _npz_columns(path: Path) -> Columns:
+    values, absent = dict[str, NDArray[np.generic]](), dict[str, str]()
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as held:
-            return Columns(values={name: np.asarray(held[name]) for name in held.files})
+        if not zipfile.is_zipfile(path):
+            words = "is no .npz archive, or cut off; write one with np.savez(path, t=t, q=q)"
+            raise ConfigError(f"{path}: {words}")
+        with np.load(path, allow_pickle=False) as held:
+            for name in held.files:
+                try:
+                    values[name] = np.asarray(held[name])
+                except ValueError as error:
+                    if "allow_pickle" not in str(error):
+                        raise
+                    absent[name] = "holds Python objects; save numbers, as np.array(x, float)"
+    except ConfigError:
+        raise
     except _BROKEN as error:
         raise ConfigError(f"{path}: cannot be read as .npz: {unforeseen(error)}") from error
+    return Columns(values=values, absent=absent)

@@ -4,12 +4,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
-from fsw.messages import FloatArray
+from fsw.messages import FloatArray, IntArray
 
 DIFFERENCE = 4  # order of the differences that show noise, not motion
 AT_REST = 0.1  # of the largest noise of a joint: less is that of a joint that does not move
 EQUAL = 1e-10  # difference of values that differ by the rounding of arithmetic alone
+SPIKE_ROWS = 5  # the median of as many rows shows no spike of two
 LEAST = 50  # least number of rows
 
 
@@ -26,8 +28,13 @@ class Limits:
 def sizes_of(
     t_s: FloatArray, q: FloatArray, tau: FloatArray | None, kinds: Sequence[str]
 ) -> list[Limits]:
-    """Return sizes and noise of every joint, from rows that differ from the one before."""
-    is_new = np.append(True, (np.diff(q, axis=0) != 0.0).any(axis=1) & (np.diff(t_s) > 0.0))
+    """Return sizes and noise of every joint, from whole rows that differ from the one before."""
+    rows = in_order(t_s, q)
+    t_s, q = t_s[rows], q[rows]
+    tau = None if tau is None else tau[rows]
+    is_new = np.append(
+        np.isfinite(t_s[:1]), (np.diff(q, axis=0) != 0.0).any(axis=1) & (np.diff(t_s) > 0.0)
+    )
     t_s, q = t_s[is_new], q[is_new]
     tau = np.full_like(q, np.nan) if tau is None else tau[is_new]
     speeds = np.abs(np.diff(q, axis=0)) / np.diff(t_s)[:, None] if len(t_s) > 1 else np.abs(q)
@@ -48,10 +55,21 @@ def sizes_of(
     ]
 
 
+def in_order(t_s: FloatArray, values: FloatArray) -> IntArray:
+    """Return the rows with a time and all values (k, axes), in order of time, one of each time."""
+    rows = np.flatnonzero(np.isfinite(t_s) & np.isfinite(values).all(axis=1))
+    return rows[np.unique(t_s[rows], return_index=True)[1]]
+
+
 def most(values: FloatArray) -> float:
-    """Return the size that 99.9 % of the values keep; 0: there are none."""
-    finite = np.abs(values[np.isfinite(values)])
-    return float(np.quantile(finite, 0.999)) if finite.size else 0.0
+    """Return the size that 99.9 % of the values keep, without single spikes; 0: there are none.
+
+    `values` are in order of time, (k,) or (k, axes).
+    """
+    columns = np.atleast_2d(values.T)
+    sizes = [np.abs(own[np.isfinite(own)]) for own in columns if np.isfinite(own).any()]
+    near = [sliding_window_view(own, min(SPIKE_ROWS, len(own))) for own in sizes]
+    return float(max((np.quantile(np.median(own, axis=1), 0.999) for own in near), default=0.0))
 
 
 def white_noise(t_s: FloatArray, values: FloatArray) -> float:
@@ -60,11 +78,11 @@ def white_noise(t_s: FloatArray, values: FloatArray) -> float:
     Logs have gaps, so that plain differences would show the motion. Values that repeat, as at rest
     or from a slower sensor, show no noise.
     """
-    is_known = np.isfinite(values)
-    values, t_s = values[is_known], t_s[is_known]
+    rows = in_order(t_s, values[:, None])
+    values, t_s = values[rows], t_s[rows]
     if len(values) < LEAST:
         return 0.0
-    near = np.lib.stride_tricks.sliding_window_view(np.arange(len(values)), DIFFERENCE + 1)
+    near = sliding_window_view(np.arange(len(values)), DIFFERENCE + 1)
     apart = t_s[near][:, :, None] - t_s[near][:, None, :] + np.eye(DIFFERENCE + 1)
     weights = 1.0 / np.prod(apart / np.abs(apart).max(axis=(1, 2), keepdims=True), axis=2)
     found = np.sum(weights * values[near], axis=1) / np.linalg.norm(weights, axis=1)
@@ -80,8 +98,7 @@ def _step(values: FloatArray) -> float:
 
 def rate_of(t_s: FloatArray) -> float:
     """Return the rate of samples [Hz] with three digits, from the median of the steps."""
-    steps = np.diff(t_s[np.isfinite(t_s)])
-    return float(f"{1.0 / float(np.median(steps[steps > 0.0])):.3g}")
+    return float(f"{1.0 / float(np.median(np.diff(np.unique(t_s[np.isfinite(t_s)])))):.3g}")
 
 
 def noise_of(t_s: FloatArray, values: FloatArray | None) -> float:

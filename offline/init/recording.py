@@ -204,15 +204,18 @@ def _own_time(column: str, unit: str, time_of_joints: str) -> list[str]:
 
 
 def _time(table: Table, group: Group) -> tuple[str, str, FloatArray]:
-    """Return column and unit of a group's stamps, and the stamps [s]."""
-    rows = len(_values(table, group))
+    """Return column and unit of a group's stamps, and the stamps [s], NaN where a value lacks."""
+    values = _values(table, group)
+    rows, is_whole = len(values), np.isfinite(values).all(axis=1)
     for column in times(table.names, group.columns[0]):
         if table.width(column) != 1:
             continue
         t, unit = _stamps(table, column)
-        steps = np.diff(t[np.isfinite(t)])
-        steps = steps[steps > 0.0]
-        if len(t) != rows or len(steps) < LEAST:
+        if len(t) != rows:
+            continue
+        t = np.where(is_whole, t, np.nan)
+        steps = np.diff(np.unique(t[np.isfinite(t)]))
+        if len(steps) < LEAST:
             continue
         period = float(np.median(steps))
         fits = [u for u, s in UNITS_S.items() if PERIODS_S[0] <= period * s < PERIODS_S[1]]
@@ -246,7 +249,7 @@ def _angles(table: Table, group: Group, model: RobotModel) -> tuple[FloatArray, 
     upper = np.array(model.model.upperPositionLimit[7:])
     lower = np.array(model.model.lowerPositionLimit[7:])
     is_ranged = turning & np.isfinite(upper - lower)
-    beyond = is_ranged & (np.nanmax(np.abs(q), axis=0, initial=0.0) > TURN_RAD)
+    beyond = is_ranged & (np.array([most(own) for own in q.T]) > TURN_RAD)
     in_degrees = "deg" in words_of(group.stem) or bool(beyond.any())
     if in_degrees:
         q = np.where(turning, np.deg2rad(q), q)

@@ -127,7 +127,9 @@ def write_csv(path: Path, columns: Columns) -> Path:
     return path
 
 
-def write_bag(path: Path, joints: Columns, inertial: Columns, names: list[str]) -> Path:
+def write_bag(
+    path: Path, joints: Columns, inertial: Columns, names: list[str], *, is_stamped: bool = True
+) -> Path:
     """Write a ROS 2 bag of JointState and Imu as rosbags' own writer makes it; stamps have ns."""
     store = get_typestore(Stores.ROS2_HUMBLE)
     kinds = store.types
@@ -139,7 +141,8 @@ def write_bag(path: Path, joints: Columns, inertial: Columns, names: list[str]) 
             connection = bag.add_connection(topic, kind, typestore=store)
             for k, t in enumerate(columns["t"].tolist()):
                 ns = round((EPOCH_S + t) * 1e9)
-                stamp = kinds["builtin_interfaces/msg/Time"](sec=ns // 10**9, nanosec=ns % 10**9)
+                sec, nanosec = divmod(ns if is_stamped else 0, 10**9)
+                stamp = kinds["builtin_interfaces/msg/Time"](sec=sec, nanosec=nanosec)
                 header = kinds["std_msgs/msg/Header"](stamp=stamp, frame_id="")
                 message = _message(kinds, kind, header, columns, k, names)
                 bag.write(connection, ns + 2_000_000, store.serialize_cdr(message, kind))

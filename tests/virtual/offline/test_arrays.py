@@ -228,6 +228,8 @@ def test_sensors_without_arrays_are_not_there(tmp_path):
         ({"q": np.zeros((800, 2))}, "samples: q: 2 columns; must be 3, one for each of axis1"),
         ({"gyro_rad_s": None, "specific_force_m_s2": None}, "gyro_rad_s: missing; only"),
         ({"q": np.full((800, 3), np.nan)}, "samples"),
+        ({"q": np.zeros((800, 3), complex)}, "samples: q: complex128; must be real numbers"),
+        ({"q": np.zeros((800, 3), bool)}, "samples: q: bool; must be real numbers"),
         ({"t_s": np.zeros(800)}, "samples: t_s: 0 of 799 steps go forward"),
         ({"t_s": np.arange(800.0) * 10.0}, "samples: t_s: 0.1 Hz; must be seconds"),
         ({"t_imu_s": np.arange(800.0) * 5.0}, "samples: t_imu_s: 0.2 Hz; must be seconds"),
@@ -238,6 +240,14 @@ def test_arrays_that_cannot_be_are_one_line(tmp_path, changes, words):
     with pytest.raises(ConfigError, match=re.escape(words)) as raised:
         fsw.identify(arrays(**changes), robot)
     assert len(str(raised.value).splitlines()) == 1
+
+
+def test_masked_values_are_missing():
+    angles = np.ma.masked_array(arrays().q, mask=False)
+    angles[5:9, 1] = np.ma.masked
+    kept = np.isfinite(arrays(q=angles).q)
+    assert not kept[5:9, 1].any()
+    assert kept.sum() == kept.size - 4
 
 
 @pytest.mark.parametrize(

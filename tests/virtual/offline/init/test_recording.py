@@ -196,18 +196,74 @@ def test_a_sensor_that_is_not_in_the_table_is_one_line(folder, flags, words, cap
     assert words in line
 
 
-def test_a_bag_is_imported_with_what_init_wrote(folder):
+def bag(path: Path, *, is_stamped: bool = True) -> Path:
     t, q, tau = motion(offset_s=0.0)
     joints = {"t": t} | {f"q_{name}": q[:, k] for k, name in enumerate(JOINTS)}
     joints |= {f"tau_{name}": tau[:, k] for k, name in enumerate(JOINTS)}
     unit = {"t": t} | {f"{part}{axis}": 0.1 * np.sin(t) for part in "wf" for axis in "xyz"}
-    write_bag(folder / "bag", joints, unit, list(JOINTS))
+    return write_bag(path, joints, unit, list(JOINTS), is_stamped=is_stamped)
+
+
+@pytest.mark.parametrize(("is_stamped", "clock"), [(True, "stamp"), (False, "received")])
+def test_a_bag_is_imported_with_what_init_wrote(folder, is_stamped, clock):
+    bag(folder / "bag", is_stamped=is_stamped)
     assert initialised(folder, folder / "bag", *MOUNT.split()) == 0
     mapping = yaml.safe_load((folder / "robot.map.yaml").read_text())
-    assert mapping["time"] == {"column": "/joint_states.stamp", "unit": "s"}
-    assert mapping["imu"]["time"] == {"column": "/imu.stamp", "unit": "s"}
+    assert mapping["time"] == {"column": f"/joint_states.{clock}", "unit": "s"}
+    assert mapping["imu"]["time"] == {"column": f"/imu.{clock}", "unit": "s"}
     assert mapping["imu"]["rate"]["columns"] == [f"/imu.angular_velocity.{a}" for a in "xyz"]
     assert imported(folder, folder / "bag") == 0
+
+
+def with_a_spike(value):
+    """Return damage to one angle and one torque."""
+
+    def damage(t, q, tau):
+        q[500, 1] = value
+        tau[700, 2] = 1e4 * value
+        return t, q, tau
+
+    return damage
+
+
+def without_some_times(t, q, tau):
+    t[::10] = np.nan
+    return t, q, tau
+
+
+def with_other_rows_between(t, q, tau):
+    """Every row is followed, 1 ms later, by one that holds nothing of the arm."""
+    times = np.column_stack([t, t + 1e-3]).ravel()
+    return times, *(np.stack([own, own * np.nan], axis=1).reshape(-1, 3) for own in (q, tau))
+
+
+def in_disorder(t, q, tau):
+    swapped = np.arange(len(t)) ^ 1
+    return t[swapped], q[swapped], tau[swapped]
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        *[with_a_spike(value) for value in (100.0, np.inf, -1e30)],
+        *[without_some_times, with_other_rows_between, in_disorder],
+    ],
+    ids=["spike", "infinity", "huge", "no times", "other rows", "disorder"],
+)
+def test_faults_of_single_rows_decide_nothing(folder, damage):
+    """Unit, rate, limits and noise are those of the rows that can be used."""
+    recording = table(folder / "arm.csv", by_name(*damage(*motion())))
+    assert initialised(folder, recording, "--imu", "none") == 0
+    config = load(folder / "robot.yaml")
+    mapping = yaml.safe_load((folder / "robot.map.yaml").read_text())
+    assert unit_of(mapping, "position") == "rad"
+    assert config.buses[0].rate_hz == pytest.approx(RATE_HZ, rel=1e-3)
+    for joint in config.joints:
+        assert joint.speed_limit_rad_s <= 3.0
+        assert joint.torque_limit_nm <= 60.0
+        assert joint.position_noise_rad == pytest.approx(NOISE_RAD, rel=0.3)
+        assert joint.torque_noise_nm == pytest.approx(NOISE_NM, rel=0.3)
+    assert imported(folder, recording) == 0
 
 
 def test_a_mapping_is_not_overwritten(folder, capsys):
