@@ -338,11 +338,11 @@ def _refuse_missing(
 
 def _refuse_other_robot(recording: Path, config: Config, sampled: str | None) -> None:
     """Raise ConfigError if the decoded joints `sampled` are not those of the configuration."""
-    names = {joint.name for joint in config.joints}
-    if sampled is not None and set(sampled.split()) != names:
+    names = " ".join(sorted(joint.name for joint in config.joints))
+    if sampled is not None and sorted(sampled.split()) != sorted(names.split()):
         raise ConfigError(
-            f"{recording}: holds the joints {sampled}; {config.name} has "
-            f"{' '.join(sorted(names))}: the recording of another robot"
+            f"{recording}: holds the joints {sampled}; {config.name} has {names}: the recording of "
+            "another robot"
         )
 
 

@@ -13,6 +13,8 @@ from fsw.estimators.model.building import robot_of
 from fsw.messages import FloatArray
 from offline.importing.mapping import Angles, Joints, Quantity, Torques
 from offline.importing.quantities import Field, Found, Section, by_name, part_of
+from offline.importing.stamps import refuse_two_courses
+from offline.importing.tables import Parts
 from offline.importing.usable import UNIT, Part, jumps, usable
 from offline.importing.wraps import unwrap
 
@@ -64,7 +66,8 @@ def found_joints(config: Config, mapped: Joints, section: Section) -> Found:
     values, troubles = usable(path, position, is_far, bounds)
     near = np.where(is_far, np.nan, angles)
     troubles += _beyond_limits(config, position.columns, joints, near)
-    fields = _fields(Angles, joints, values)
+    fields, columns = _fields(Angles, joints, values), list(position.columns)
+    kept = np.empty((len(values), 0))
     if mapped.torque is not None:
         _refuse_units("joints.torque", mapped.torque, joints)
         is_sensed = [joint.torque != "none" for joint in joints]
@@ -74,7 +77,11 @@ def found_joints(config: Config, mapped: Joints, section: Section) -> Found:
         bounds = [f"beyond {joint.torque_limit_nm:g} {_si(Torques, joint)}" for joint in joints]
         kept, more = usable(path, torque, is_far, bounds)
         troubles += more
+        columns = [*columns, *torque.columns]
+        _refuse_apart(section.table(None), torque, values, kept)
+        troubles += _constant(torque.columns, kept, [_si(Torques, joint) for joint in joints])
         fields |= _fields(Torques, joints, kept)
+    refuse_two_courses(path, columns, np.hstack([values, kept]), section.stamps_s)
     units = [_si(Angles, joint) for joint in joints]
     return Found(
         fields=fields,
@@ -86,6 +93,27 @@ def found_joints(config: Config, mapped: Joints, section: Section) -> Found:
         slots=order,
         steps=lambda rows, t_ns: jumps(position.columns, values[rows], t_ns, limits, slack, units),
     )
+
+
+def _refuse_apart(table: Parts, torque: Part, positions: FloatArray, torques: FloatArray) -> None:
+    """Raise ConfigError if no row that holds all positions holds the torque of a sensor."""
+    is_whole = np.isfinite(positions).all(axis=1)
+    is_lost = ~np.isfinite(torques[is_whole]).any(axis=0) & np.array(torque.is_read)
+    if is_whole.any() and is_lost.any():
+        column = torque.columns[int(is_lost.argmax())]
+        raise ConfigError(
+            f"{table.path}: joints.torque: no {table.row} holds {column} beside all positions; "
+            "join those of one time before the import"
+        )
+
+
+def _constant(columns: Sequence[str], values: FloatArray, units: Sequence[str]) -> list[str]:
+    """Return a line for each column whose values are all one."""
+    return [
+        f"{column} is {known[0]:g} {unit} in every row: is it measured?"
+        for column, own, unit in zip(columns, values.T, units, strict=True)
+        if len(known := own[np.isfinite(own)]) > 1 and not np.ptp(known)
+    ]
 
 
 def _beyond_limits(

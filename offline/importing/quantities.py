@@ -53,6 +53,11 @@ class Section(Protocol):
         ...
 
     @property
+    def count(self) -> int | None:
+        """Number of the stamps; None: there are none yet."""
+        ...
+
+    @property
     def stamps_s(self) -> FloatArray:
         """Stamps (k, 1) of the section's table [s]."""
         ...
@@ -80,12 +85,11 @@ def part_of(
         names = tuple(names[0].replace("{}", slot) for slot in slots)
     columns = [table.column(name)[0] for name in names]
     lengths = {len(column) for column in columns}
-    if quantity.file is not None:
-        lengths.add(len(section.stamps_s))
-    if len(lengths) > 1:
-        words = ", ".join(map(str, sorted(lengths)))
-        raise ConfigError(f"{table.path}: {key}: columns of different lengths: {words}")
-    if quantity.file is not None and table.has(section.time.column):
+    if len(lengths | {section.count} - {None}) > 1:
+        words = f"{key}: {', '.join(map(str, sorted(lengths)))} rows"
+        words += f", and {section.time.column!r} has {section.count}" * (section.count is not None)
+        raise ConfigError(f"{table.path}: {words}; must be as many")
+    if quantity.file is not None and section.count is not None and table.has(section.time.column):
         _refuse_other_stamps(section, table)
     values = np.concatenate(columns, axis=1)
     if values.shape[1] != len(slots):

@@ -68,6 +68,7 @@ class _Section:
         self.source, self._open = source, open_table
         self.stamps_s, self.notes = self.table(None).column(self.time.column, self.time.unit)
         self.stamps_s = self.stamps_s * FACTORS[self.time.unit]
+        self.count: int | None = len(self.stamps_s)
 
     def table(self, file: Path | None) -> Parts:
         """Return the table of a quantity; None: that of the section."""
@@ -85,10 +86,11 @@ class _Poses(_Section):
         if timed:
             raise ConfigError(f"joints.poses: poses have no time; {timed[0]} must not be mapped")
         self.name, self.notes, self.time = "joints", [], TimeColumn(column="pose", unit="s")
-        self.source, self._open, self._rows = joints, open_table, None
+        self.source, self._open, self._rows, self.count = joints, open_table, None, None
         order = joints.order or [joint.name for joint in config.joints]
         poses = part_of(self, "joints.position", joints.position, order).finite
         self._rows, self.stamps_s = standstills(config, poses)
+        self.count = len(self.stamps_s)
 
     def of(self, name: str, source: Source) -> Self:
         """Return the section of another sensor at the same poses."""
@@ -236,10 +238,10 @@ def _channel(section: _Section, found: Found) -> Channel:
     """Return a channel of the usable rows in order of time."""
     table, stamps_s = section.table(None), section.stamps_s
     values = np.concatenate([own.values for own in found.fields.values()], axis=1)
-    if len(stamps_s) != len(values) or stamps_s.shape[1] != 1:
+    if stamps_s.shape[1] != 1:
         raise ConfigError(
-            f"{table.path}: time column {section.time.column!r} has {len(stamps_s)} rows of "
-            f"{stamps_s.shape[1]}; must be {len(values)} of 1, as {section.name}"
+            f"{table.path}: time column {section.time.column!r} has {stamps_s.shape[1]} values in "
+            "a row; must have 1"
         )
     rows, troubles = _rows(section, found, values)
     t_ns = np.rint(stamps_s[rows, 0] * 1e9).astype(np.int64)

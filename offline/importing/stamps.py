@@ -1,6 +1,6 @@
 """Judge the stamps of sampled data: order, repetitions, gaps, jitter, rate."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,35 @@ MOSTLY = 0.5  # share of steps backwards above which the file is refused
 LEAST = 8  # least number of samples of a source
 DISORDER_PERIODS = 2.0  # a sample may be late by this; a larger step back is a clock set back
 GAP_PERIODS = 3.0
+COURSES = 5.0  # a motion goes further in two steps than in one, and noise as far
+
+
+def refuse_two_courses(
+    path: Path, columns: Sequence[str], values: FloatArray, stamps_s: FloatArray
+) -> None:
+    """Refuse rows that alternate between two courses, as of two programs on one topic.
+
+    Parameters
+    ----------
+    values, stamps_s : (k, width), (k, 1) in the order of the file; NaN: missing
+
+    Raises
+    ------
+    ConfigError that names the column, and how far the courses are apart.
+    """
+    if len(stamps_s) != len(values):
+        return  # the caller compares the lengths
+    values = values[np.argsort(stamps_s[:, 0], kind="stable")]
+    for column, own in zip(columns, values.T, strict=True):
+        known = own[np.isfinite(own)]
+        if len(known) < LEAST:
+            continue
+        near, next_but_one = (float(np.median(np.abs(known[k:] - known[:-k]))) for k in (1, 2))
+        if near > COURSES * next_but_one:
+            raise ConfigError(
+                f"{path}: {column}: every second row follows another course, {near:.2g} away: do "
+                "two programs publish these values? keep the rows of one"
+            )
 
 
 def judged(

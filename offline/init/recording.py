@@ -148,6 +148,11 @@ def _of_table(table: Table, model: RobotModel) -> Recorded:
     tau, is_current = None, torque is not None and not TORQUE & set(torque.words)
     if torque is not None:
         tau, tau_unit = _torques(table, torque, model)
+        if len(tau) != len(q):
+            raise ConfigError(
+                f"--recording {table.path}: {torque.columns[0]!r} has {len(tau)} rows; must be "
+                f"{len(q)}, as {position.columns[0]!r}"
+            )
         line = _line("torque", torque, tau_unit, tau, "A" if is_current else "N m")
         gains = f", scale: {[1.0] * model.n}}}  # CHECK N m per A at the joint, gear included;"
         lines.append(line.replace("}  # CHECK", gains) if is_current else line)

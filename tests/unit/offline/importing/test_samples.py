@@ -167,3 +167,78 @@ def test_jumps_of_a_position_are_counted_and_stay(tmp_path: Path) -> None:
     words = f"jumps of q_joint2 that {joint.speed_limit_rad_s:g} rad/s do not allow: 2, the largest"
     assert words in found.text
     assert len(found.t_ns) == ROWS
+
+
+def moving(table: Table) -> None:
+    """Give all joints a smooth motion and torque."""
+    for name in table:
+        if name.startswith(("q_", "tau_")):
+            table[name] = [repr(float(x)) for x in 0.01 * np.sin(0.02 * np.arange(ROWS))]
+
+
+@pytest.mark.parametrize("column", ["q_joint3", "tau_joint3"])
+@pytest.mark.parametrize("shift_s", [0.0, 1e-3, 0.5])
+def test_two_publishers_on_one_topic_are_refused(tmp_path: Path, column, shift_s) -> None:
+    """Every second row is of another program, at the same time, soon after, or half a period."""
+    config, table = case("joints")
+    period_s = 1.0 / config.buses[0].rate_hz
+    moving(table)
+    times = np.arange(ROWS) // 2 * 2.0 * period_s
+    times[1::2] += 2.0 * period_s * shift_s
+    table["t"] = [repr(float(t)) for t in times]
+    for row in range(1, ROWS, 2):
+        table[column][row] = repr(float(table[column][row]) + 0.02)
+    words = f"d.csv: {column}: every second row follows another course, 0.02 away: do two programs"
+    with pytest.raises(ConfigError, match=words):
+        channel(config, tmp_path, "joints", table)
+
+
+def test_torques_that_never_come_with_positions_are_refused(tmp_path: Path) -> None:
+    config, table = case("joints")
+    moving(table)
+    for row in range(ROWS):
+        for name in table:
+            if name.startswith("q_" if row % 2 else "tau_"):
+                table[name][row] = ""
+    with pytest.raises(ConfigError, match="no row holds tau_joint1 beside all positions"):
+        channel(config, tmp_path, "joints", table)
+
+
+def test_a_torque_that_never_changes_is_named(tmp_path: Path) -> None:
+    config, table = case("joints")
+    moving(table)
+    assert "in every row" not in channel(config, tmp_path, "joints", table).text
+    table["tau_joint2"] = ["0.0"] * ROWS
+    text = channel(config, tmp_path, "joints", table).text
+    assert "tau_joint2 is 0 N m in every row: is it measured?" in text
+
+
+@pytest.mark.parametrize("short", ["q", "tau", "t"])
+def test_arrays_of_different_lengths_are_refused(tmp_path: Path, short: str) -> None:
+    config, held = case("joints")
+    moving(held)
+    numbers = {name: np.array(cells, float) for name, cells in held.items()}
+    arrays = {
+        key: np.column_stack([numbers[f"{key}_{joint.name}"] for joint in config.joints])
+        for key in ("q", "tau")
+    } | {"t": numbers["t"]}
+    arrays[short] = arrays[short][:-1]
+    np.savez(tmp_path / "d.npz", **arrays)
+    columns = {"position": {"columns": "q", "unit": "rad"}}
+    columns |= {"torque": {"columns": "tau", "unit": "N m"}}
+    mapping = Mapping.model_validate({"time": TIME, "joints": columns})
+    with pytest.raises(ConfigError, match=f"rows, and 't' has {ROWS - (short == 't')}; must be as"):
+        list(sampled_channels(config, mapping, tmp_path, tmp_path / "d.npz"))
+
+
+def test_poses_may_be_in_a_file_of_their_own(tmp_path: Path) -> None:
+    config, table = case("joints")
+    table.pop("t")
+    lines = [",".join(table), *(",".join(row) for row in zip(*table.values(), strict=True))]
+    for name in ("d.csv", "e.csv"):
+        (tmp_path / name).write_text("\n".join(lines) + "\n")
+    columns = MAPPINGS["joints"] | {"poses": True}
+    columns["position"] = columns["position"] | {"file": "e.csv"}
+    mapping = Mapping.model_validate({"joints": columns})
+    (found,) = sampled_channels(config, mapping, tmp_path, tmp_path / "d.csv")
+    assert len(found.t_ns) > ROWS

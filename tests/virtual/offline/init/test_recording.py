@@ -266,6 +266,17 @@ def test_faults_of_single_rows_decide_nothing(folder, damage):
     assert imported(folder, recording) == 0
 
 
+def test_a_name_of_two_words_is_one_name(folder, capsys):
+    urdf = folder / "arm.urdf"
+    urdf.write_text(urdf.read_text().replace('"axis1"', '"first axis"'))
+    columns = {name.replace("axis1", "first axis"): x for name, x in by_name(*motion()).items()}
+    recording = table(folder / "arm.csv", columns)
+    assert initialised(folder, recording, "--imu", "none") == 0
+    assert imported(folder, recording) == 0
+    main(["check", str(folder / "robot.yaml"), str(folder / "out.mcap")])
+    assert "another robot" not in capsys.readouterr().err
+
+
 def test_a_mapping_is_not_overwritten(folder, capsys):
     recording = table(folder / "arm.csv", by_name(*motion()))
     (folder / "robot.map.yaml").write_text("mine")
