@@ -19,5 +19,6 @@ class Columns:
     lines: Sequence[int] = ()  # number of the line of each row of text
     twice: frozenset[str] = frozenset()  # names that more than one column has
     by_number: Sequence[Sequence[str]] = ()  # columns in order, if numbers may map them
+    units: Mapping[str, str] = field(default_factory=dict)  # as a row below the header has them
     absent: Mapping[str, str] = field(default_factory=dict)  # why columns of a prefix are missing
     notes: Mapping[str, Sequence[str]] = field(default_factory=dict)  # by prefix; "": of the file

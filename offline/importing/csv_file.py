@@ -15,9 +15,15 @@ from fsw.errors import ConfigError, brief
 from fsw.messages import FloatArray
 from offline.importing.columns import Columns
 
-DELIMITERS = (";", "\t", ",")  # the first that a row of numbers contains; otherwise white space
+DELIMITERS = (
+    ";",
+    "\t",
+    "|",
+    ",",
+)  # the first that a row of numbers contains; otherwise white space
 COMMENTS = ("#", "%", "//")
-NOTHING = ("", "nan", "null", "none", "n/a", "na", "-")
+NOTHING = ("", "nan", "null", "none", "n/a", "na", "-", "#n/a", "1.#qnan", "-1.#ind", "-nan(ind)")
+TITLES = 20  # the header is not below so many lines
 MOST_DROPPED = 0.01  # share of rows of another length, and at least one row
 _DATE = re.compile(r"\d{4}-?\d{2}-?\d{2}([T ]|$)")
 _SEPARATOR = re.compile(r"sep=.", re.IGNORECASE)  # a first line that Excel reads
@@ -49,18 +55,26 @@ def csv_columns(path: Path) -> Columns:
     body = [line for line, skip in zip(lines, is_comment, strict=True) if not skip]
     if not body:
         raise ConfigError(f"{path}: is empty" + " but for a line that is cut off" * is_cut)
-    delimiter = _delimiter(body[min(1, len(body) - 1)][1])
+    delimiter = _delimiter(body[len(body) // 2][1])
     rows = [_Row(number, _cells(path, number, line, delimiter)) for number, line in body]
     before = [line for _, line in lines[: is_comment.index(False)]]
+    titles = _titles(rows)
+    rows = rows[titles:]
     header, is_commented = _header(path, rows, before, delimiter)
     if header is rows[0].cells:
         rows = rows[1:]
     if not rows:
         raise ConfigError(f"{path}: is empty below its header")
+    units = rows[0].cells if header and _is_words(rows[0].cells) else []
+    rows = rows[bool(units) :]
+    if not rows:
+        raise ConfigError(f"{path}: is empty below its units")
     names = header or [str(k) for k in range(1, len(rows[0].cells) + 1)]
     whole, notes = _of_one_length(path, rows, len(names))
     comments = sum(is_comment) - is_commented
     notes += [f"comment lines: {comments}"] * bool(comments)
+    notes += [f"lines above the header, left out: {titles}"] * bool(titles)
+    notes += [f"row of units, left out: {' '.join(units)}"] * bool(units)
     notes += ["last line, which is cut off, left out: 1"] * is_cut
     columns = list(zip(*(row.cells for row in whole), strict=True))
     if any(map(_DECIMAL_COMMA.fullmatch, whole[0].cells)):
@@ -70,6 +84,7 @@ def csv_columns(path: Path) -> Columns:
         lines=[row.number for row in whole],
         twice=frozenset(name for name, count in Counter(names).items() if count > 1),
         by_number=columns,
+        units=dict(zip(names, units, strict=False)),
         notes={"": notes},
     )
 
@@ -93,7 +108,6 @@ def numbers(path: Path, name: str, cells: Sequence[str], lines: Sequence[int]) -
                 values[row] = float(cell.replace(",", ".") if has_comma else cell)
         except ValueError as error:
             hint = "; a date has unit: iso" if _DATE.match(cell) else ""
-            hint = hint or "; is it a row of units?" * (row == 0)
             raise ConfigError(
                 f"{path}: line {lines[row]}: {name!r} is {brief(cell)}; must be a number{hint}"
             ) from error
@@ -187,17 +201,30 @@ def _header(
     return (first if is_count and len(first) > 1 else []), False
 
 
+def _titles(rows: Sequence[_Row]) -> int:
+    """Return how many lines stand above a header that is as wide as most rows."""
+    widths = [max((k for k, cell in enumerate(row.cells, 1) if cell), default=0) for row in rows]
+    usual = Counter(widths).most_common(1)[0][0]
+    first = next((k for k, width in enumerate(widths[:TITLES]) if width == usual), 0)
+    return 0 if _is_data(rows[first].cells) else first
+
+
 def _is_data(cells: Sequence[str]) -> bool:
     """Return whether all cells are numbers, dates, or nothing."""
+    return all(map(_is_number, cells)) and any(cells)
 
-    def is_number(cell: str) -> bool:
-        try:
-            float(cell.replace(",", "."))
-        except ValueError:
-            return cell.lower() in NOTHING or _DATE.match(cell) is not None
-        return True
 
-    return all(map(is_number, cells)) and any(cells)
+def _is_words(cells: Sequence[str]) -> bool:
+    """Return whether no cell is a number or a date, as of units, and some are not empty."""
+    return any(cells) and not any(cell and _is_number(cell) for cell in cells)
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell.replace(",", "."))
+    except ValueError:
+        return cell.lower() in NOTHING or _DATE.match(cell) is not None
+    return True
 
 
 def _of_one_length(
@@ -212,9 +239,12 @@ def _of_one_length(
         return rows, []
     first = others[0]
     if len(others) > max(1, MOST_DROPPED * len(rows)) or len(others) == len(rows):
+        is_split = len(first.cells) == 2 * width
         raise ConfigError(
             f"{path}: line {first.number} has {len(first.cells)} values for {width} columns, and "
             f"{len(others)} of {len(rows)} lines have another number than the header"
+            + "; decimal commas need another separator, such as semicolons"
+            * is_split
         )
     words = f"rows of another length, left out: {len(others)}, the first is line {first.number}"
     return [row for row in rows if len(row.cells) == width], [words]

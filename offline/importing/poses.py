@@ -25,6 +25,10 @@ class Held(Parts):
         """Return what the reader left out."""
         return self._table.notes(column)
 
+    def refuse_other_unit(self, key: str, name: str, unit: str) -> None:
+        """Raise ConfigError if a row of units contradicts a unit."""
+        self._table.refuse_other_unit(key, name, unit)
+
     def column(self, name: str, unit: str = "") -> tuple[FloatArray, list[str]]:
         """Return a column (k, m) with a row for every sample, and notes."""
         values, notes = self._table.column(name, unit)

@@ -97,6 +97,10 @@ def part_of(
             f"{table.path}: {key}: {values.shape[1]} columns; must be {len(slots)}, for "
             f"{' '.join(slots)}"
         )
+    units = quantity.units * (len(names) if len(quantity.units) == 1 else 1)
+    for name, unit in zip(names, units, strict=False):
+        if quantity.scale == (1.0,):
+            table.refuse_other_unit(key, name, unit)
     if len(names) != len(slots):
         names = tuple(f"{names[0]}[{k}]" for k in range(len(slots)))
     with np.errstate(over="ignore", invalid="ignore"):

@@ -67,6 +67,7 @@ class _Section:
         self.time = mapping.time_of(name, source)
         self.source, self._open = source, open_table
         self.stamps_s, self.notes = self.table(None).column(self.time.column, self.time.unit)
+        self.table(None).refuse_other_unit(f"{name}.time", self.time.column, self.time.unit)
         self.stamps_s = self.stamps_s * FACTORS[self.time.unit]
         self.count: int | None = len(self.stamps_s)
 

@@ -11,13 +11,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw.errors import ConfigError, cut, unforeseen
+from fsw.config.signals import plain_unit
+from fsw.errors import ConfigError, brief, cut, unforeseen
 from fsw.messages import FloatArray
 from offline.importing.bags import bag_columns
 from offline.importing.columns import Columns
 from offline.importing.csv_file import csv_columns, has_zone, numbers, times_s
+from offline.importing.mapping import FACTORS
 
 TABLES = (".csv", ".txt", ".tsv", ".dat")
+UNITS = {plain_unit(unit): unit for unit in FACTORS if unit not in ("iso", "1")} | {"sec": "s"}
 # what a damaged archive can raise in NumPy's reader
 _BROKEN = (
     OSError,
@@ -74,6 +77,16 @@ class Table:
     def row(self) -> str:
         """What a row is called."""
         return self._columns.rows
+
+    def refuse_other_unit(self, key: str, name: str, unit: str) -> None:
+        """Raise ConfigError if a row of units gives a column another known unit than `unit`."""
+        said = self._columns.units.get(name, "")
+        found = UNITS.get(plain_unit(said.strip("[]() ")), unit)
+        if found != unit:
+            raise ConfigError(
+                f"{self.path}: {key}: the row of units says {brief(said)} of {name!r}; the mapping "
+                f"says {unit}"
+            )
 
     def has(self, name: str) -> bool:
         """Return whether the file has a column."""
@@ -155,6 +168,11 @@ class Parts:
             return self._tables[0].notes(column)
         notes = [(table.path.name, note) for table in self._tables for note in table.notes(column)]
         return [f"{len(self._tables)} files", *(f"{name}: {note}" for name, note in notes)]
+
+    def refuse_other_unit(self, key: str, name: str, unit: str) -> None:
+        """Raise ConfigError if a row of units contradicts a unit; see `Table`."""
+        for table in self._tables:
+            table.refuse_other_unit(key, name, unit)
 
     def column(self, name: str, unit: str = "") -> tuple[FloatArray, list[str]]:
         """Return a column of all parts, and notes; see `Table.column`."""

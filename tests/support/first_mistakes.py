@@ -193,8 +193,8 @@ TABLES: dict[str, Typed] = {
     "table without a header": imported(lambda rows: rows[1:]),
     "table without rows": imported(lambda rows: rows[:1]),
     "workbook of a table program": imported(content=b"PK\x03\x04" + bytes(64)),
-    "row of units below the header": imported(
-        lambda rows: [rows[0], "[s]" * 1 + ",[rad]" * 6, *rows[1:]]
+    "row of units unlike the mapping": imported(
+        lambda rows: [rows[0], "[s]" + ",[deg]" * 6, *rows[1:]]
     ),
     "dates as times": imported(
         lambda rows: [rows[0], *("2026-11-27 10:00:00" + row[4:] for row in rows[1:])]

@@ -82,6 +82,11 @@ FORMS = {
     "a delimiter at the end": lambda: [lines()[0], *(f"{line}," for line in lines()[1:])],
     "line ends of Windows": lambda: [f"{line}\r" for line in lines()],
     "the separator of Excel, comments of it": lambda: ["sep=;", *lines(by=";")],
+    "bars": lambda: lines(by="|"),
+    "a title": lambda: ["Recording of the arm, 2026-11-28", *lines()],
+    "titles of two cells": lambda: ["Robot;arm", "Start;2026-11-28", *lines(by=";")],
+    "a row of units": lambda: [lines()[0], "s,rad,rad,N m,N m", *lines()[1:]],
+    "titles and units": lambda: ["Export", *lines()[:1], "[s],[rad],,[Nm],[Nm]", *lines()[1:]],
     "byte order mark": lambda: ["\ufeff" + lines()[0], *lines()[1:]],
 }
 
@@ -96,6 +101,8 @@ def test_a_form_of_other_tools_is_read_alike(arm, form):
     assert len(positions(arm)) == ROWS
     assert ("comment lines: " in arm.said) == (form in COMMENTED)
     assert ("decimal comma" in arm.said) == ("decimal" in form)
+    assert ("lines above the header, left out: " in arm.said) == ("title" in form)
+    assert ("row of units, left out: " in arm.said) == ("units" in form)
 
 
 @pytest.mark.parametrize("encoding", ["cp1252", "utf-16", "utf-8-sig"])
@@ -172,7 +179,36 @@ def test_many_rows_of_another_length_are_refused(arm):
     assert arm.is_refused("line 51 has 4 values for 5 columns")
 
 
-@pytest.mark.parametrize("cell", ["", "nan", "NaN", "null", "None", "N/A"])
+@pytest.mark.parametrize(
+    ("units", "words"),
+    [
+        (
+            "s,deg,deg,N m,N m",
+            "joints.position: the row of units says 'deg' of 'q_j1'; the mapping",
+        ),
+        ("ms,rad,rad,N m,N m", "joints.time: the row of units says 'ms' of 't'; the mapping"),
+        ("[s],[rad],[rad],[Nm],[mNm]", "joints.torque: the row of units says '[mNm]' of 'tau_j2'"),
+    ],
+)
+def test_units_that_contradict_the_mapping_are_refused(arm, units, words):
+    assert imported(arm, [lines()[0], units, *lines()[1:]]) == 2
+    assert arm.is_refused(words)
+
+
+def test_words_in_the_first_rows_of_a_column_are_no_units(arm):
+    text = [lines()[0] + ",mode", *(line + ",run" for line in lines()[1:])]
+    text[10:] = [line.removesuffix("run") for line in text[10:]]
+    assert imported(arm, text) == 0
+    assert len(positions(arm)) == ROWS
+
+
+def test_decimal_commas_between_commas_are_refused_with_the_cure(arm):
+    text = [",".join("0,5" for _ in NAMES) for _ in range(ROWS)]
+    assert imported(arm, [lines()[0], *text]) == 2
+    assert arm.is_refused("decimal commas need another separator")
+
+
+@pytest.mark.parametrize("cell", ["", "nan", "NaN", "null", "None", "N/A", "#N/A", "1.#QNAN"])
 def test_words_for_nothing_are_no_numbers_and_are_counted(arm, cell):
     text = lines()
     text[50] = text[50].rpartition(",")[0] + f",{cell}"
@@ -252,7 +288,7 @@ def test_files_of_one_section_with_other_stamps_or_lengths_are_refused(arm):
     mapping["joints"]["torque"]["file"] = "tau.csv"
     columns = [NAMES[k] for k in (0, 3, 4)]
     later = VALUES[:, [0, 3, 4]] + [[0.01, 0.0, 0.0]]
-    for values, words in ((later, "differs"), (VALUES[:-1, [0, 3, 4]], "different lengths")):
+    for values, words in ((later, "differs"), (VALUES[:-1, [0, 3, 4]], "must be as many")):
         (arm.folder / "tau.csv").write_text("\n".join(lines(values, columns)) + "\n")
         assert arm.table(arm.folder / "q.csv", mapping) == 2
         assert arm.is_refused("tau.csv", words)
