@@ -141,6 +141,7 @@ def identify(
         "wall_s": (clock.now_ns() - began_ns) * 1e-9,
     }
     if show is not None:
+        tell("writing the page: residuals and what limits the accuracy")
         problem, x, covariance, _ = state[0]
         made = Evidence(
             replayed=result,
