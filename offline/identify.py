@@ -143,15 +143,17 @@ def identify(
     if show is not None:
         tell("writing the page: residuals and what limits the accuracy")
         problem, x, covariance, _ = state[0]
-        made = Evidence(
-            replayed=result,
-            blocks=_plausible(collector.blocks),
-            recursive=collector.estimates,
-            problem=problem,
-            x=x,
-            covariance=covariance,
+        show(
+            values,
+            Evidence(
+                replayed=result,
+                blocks=_plausible(collector.blocks),
+                recursive=collector.estimates,
+                problem=problem,
+                x=x,
+                covariance=covariance,
+            ),
         )
-        show(values, made)
     return values
 
 
