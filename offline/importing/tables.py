@@ -192,8 +192,8 @@ def _npz_columns(path: Path) -> Columns:
     values, absent = dict[str, NDArray[np.generic]](), dict[str, str]()
     try:
         if not zipfile.is_zipfile(path):
-            words = "is no .npz archive, or cut off; write one with np.savez(path, t=t, q=q)"
-            raise ConfigError(f"{path}: {words}")
+            words = "it is no archive, or cut off; write one with np.savez(path, t=t, q=q)"
+            raise ConfigError(f"{path}: cannot be read as .npz: {words}")
         with np.load(path, allow_pickle=False) as held:
             for name in held.files:
                 try:

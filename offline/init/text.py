@@ -303,8 +303,8 @@ def estimator_lines(
     The bounds are those of `fsw.checks.windows`.
     """
     usual = EstimatorConfig()
-    terms = {rate_hz: usual.nodes + EXTRA_DEGREE, imu.get("rate_hz", inf): usual.nodes}
-    window_s = max(2 * count / usual.min_fill_ratio / hz for hz, count in terms.items())
+    terms = [(rate_hz, usual.nodes + EXTRA_DEGREE), (imu.get("rate_hz", inf), usual.nodes)]
+    window_s = max(2 * count / usual.min_fill_ratio / hz for hz, count in terms)
     group_s = max(imu.get("gyro_group_delay_s", 0.0), imu.get("acc_group_delay_s", 0.0))
     tracker_s = tracker.get("latency_s", 0.0) + 0.02 * bool(tracker)  # of the line
     slowest_s = max(1.0 / rate_hz, group_s + 1.0 / imu.get("rate_hz", inf) + 0.01, tracker_s)

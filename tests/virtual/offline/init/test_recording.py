@@ -122,6 +122,16 @@ def test_an_inertial_unit_in_the_table_is_mapped(folder):
     assert imported(folder, recording) == 0
 
 
+@pytest.mark.parametrize("rate_hz", [5.0, 20.0, 50.0])
+def test_windows_suit_an_inertial_unit_as_slow_as_the_joints(folder, rate_hz):
+    """The window is the longer of both, also where both have one rate."""
+    t, q, tau = motion(rate_hz)
+    t, q, tau = (np.concatenate([x, x + k]) for x, k in ((t, np.ptp(t) + 1.0), (q, 0), (tau, 0)))
+    columns = by_name(t, q, tau) | {f"{part}{a}": 0.1 * q[:, 0] for part in "wf" for a in "xyz"}
+    recording = table(folder / "arm.csv", columns)
+    assert initialised(folder, recording, *MOUNT.split()) == 0
+
+
 def test_joints_without_torque_have_none(folder):
     t, q, tau = motion()
     columns = {name: own for name, own in by_name(t, q, tau).items() if "effort" not in name}
