@@ -13,6 +13,10 @@ from fsw.errors import ConfigError, unforeseen
 from offline.importing.columns import Columns
 
 BAG_FILES = (".mcap", ".db3", ".bag")
+CURES = {  # of a bag that was cut off
+    ".mcap": "; if it was cut off, recover what is there: mcap recover",
+    ".bag": "; if it was cut off: rosbag reindex",
+}
 BAG_FOLDER = "metadata.yaml"  # is in every bag that is a folder
 JOINT_STATE, IMU = "sensor_msgs/msg/JointState", "sensor_msgs/msg/Imu"
 WRENCH = "geometry_msgs/msg/WrenchStamped"
@@ -140,4 +144,6 @@ def _messages(path: Path) -> Iterator[_Message]:
                     parts = {part: (message.name, getattr(message, part)) for part in _PARTS}
                 yield _Message(connection.topic, stamp_s, received_ns * 1e-9, parts)
     except Exception as error:  # the errors of rosbags and its parsers have no common base
-        raise ConfigError(f"{path}: cannot be read as a ROS 2 bag: {unforeseen(error)}") from error
+        cure = CURES.get(path.suffix, "")
+        words = f"cannot be read as a ROS 2 bag: {unforeseen(error).rstrip('.')}{cure}"
+        raise ConfigError(f"{path}: {words}") from error

@@ -73,3 +73,14 @@ def test_dates_have_no_unit_of_numbers(tmp_path: Path) -> None:
     assert table.column("t", "iso")[0].shape == (3, 1)
     with pytest.raises(ConfigError, match="'t' holds dates; its unit must be iso"):
         table.column("t", "ns")
+
+
+@pytest.mark.parametrize(
+    ("name", "cure"),
+    [("a.mcap", "recover what is there: mcap recover"), ("a.bag", "rosbag reindex")],
+)
+def test_a_cut_bag_says_how_to_recover_it(tmp_path: Path, name: str, cure: str) -> None:
+    heads = {"a.mcap": b"\x89MCAP0\r\n" + bytes(64), "a.bag": b"#ROSBAG V2.0\n" + bytes(64)}
+    (tmp_path / name).write_bytes(heads[name])
+    with pytest.raises(ConfigError, match=f"{name}: cannot be read as a ROS .* bag: .*{cure}"):
+        Table(tmp_path / name)
