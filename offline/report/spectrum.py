@@ -25,9 +25,11 @@ def spectrum(t_s: FloatArray, ratio: FloatArray) -> tuple[FloatArray, FloatArray
     count = min(FREQUENCIES, max(1, len(t_s) // (2 * FINER)))
     highest_hz = 0.5 * (len(t_s) - 1) / length_s
     fine_hz = highest_hz * np.arange(1, count * FINER + 1) / (count * FINER)
-    power = np.asarray(lombscargle(t_s - t_s[0], ratio, 2 * np.pi * fine_hz), np.float64)
-    shape = (count, FINER)
-    return fine_hz.reshape(shape).mean(axis=1), power.reshape(shape).mean(axis=1)
+    groups_hz = fine_hz.reshape(count, FINER)
+    since_s = t_s - t_s[0]
+    # group by group: SciPy holds several numbers for each node and frequency
+    power = [lombscargle(since_s, ratio, 2 * np.pi * own_hz).mean() for own_hz in groups_hz]
+    return groups_hz.mean(axis=1), np.array(power, np.float64)
 
 
 def histogram(ratio: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
