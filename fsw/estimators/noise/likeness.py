@@ -278,7 +278,7 @@ def _excess(A: FloatArray, lagged: FloatArray) -> FloatArray:
     count, kinds, p = A.shape
     longest = min(len(lagged), count)
     total = np.zeros((p, p))
-    for c in range(kinds):
+    for c in range(kinds if count else 0):  # a half may have no block with every channel
         column = np.zeros(2 * count)
         column[:longest] = lagged[:longest, c]
         column[1:] += column[:0:-1]

@@ -91,6 +91,23 @@ def test_halves_of_two_truths_contradict_each_other() -> None:
     assert "halves" in trust.in_words(1.0)
 
 
+@pytest.mark.parametrize("half", [slice(0, BLOCKS // 2), slice(BLOCKS // 2, None)])
+def test_a_channel_missing_in_one_half_is_no_contradiction(half: slice) -> None:
+    """Only the other half's blocks have every channel."""
+    rng = np.random.default_rng(8)
+    A = regressors(rng)
+    rows, left = list(A.reshape(BLOCKS, -1, P)), list(noise(rng, 0.0).reshape(BLOCKS, -1))
+    for k in range(BLOCKS)[half]:
+        rows[k], left[k] = rows[k][: 2 * NODES], left[k][: 2 * NODES]
+    kept = np.concatenate(rows)
+    white = np.linalg.inv(kept.T @ kept)
+    x = white @ kept.T @ np.concatenate(left)
+    left = [b - a @ x for a, b in zip(rows, left, strict=True)]
+    found = likeness(rows, left, white, 1.0, NODES)
+    assert np.isfinite(found.excess).all()
+    assert found.halves[0] < found.halves[1]
+
+
 def test_a_constant_that_no_state_explains_lasts() -> None:
     rng = np.random.default_rng(6)
     rows = rng.standard_normal((BLOCKS, 50))
