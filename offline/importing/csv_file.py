@@ -202,10 +202,20 @@ def _header(
 
 
 def _titles(rows: Sequence[_Row]) -> int:
-    """Return how many lines stand above a header that is as wide as most rows."""
+    """Return how many lines stand above a header that is as wide as most rows, or has more words.
+
+    Without its empty cells at the end a row is narrower: a sensor of a low rate is mostly empty.
+    """
     widths = [max((k for k, cell in enumerate(row.cells, 1) if cell), default=0) for row in rows]
-    usual = Counter(widths).most_common(1)[0][0]
-    first = next((k for k, width in enumerate(widths[:TITLES]) if width == usual), 0)
+    usual, of_all = (
+        Counter(of_rows).most_common(1)[0][0]
+        for of_rows in (widths, [len(row.cells) for row in rows])
+    )
+    fits = [
+        width == usual or (width > usual and len(row.cells) == of_all)
+        for width, row in zip(widths[:TITLES], rows, strict=False)
+    ]
+    first = fits.index(True) if True in fits else 0
     return 0 if _is_data(rows[first].cells) else first
 
 

@@ -79,8 +79,9 @@ def found_joints(config: Config, mapped: Joints, section: Section) -> Found:
         troubles += more
         columns = [*columns, *torque.columns]
         _refuse_apart(section.table(None), torque, values, kept)
-        troubles += _constant(torque.columns, kept, [_si(Torques, joint) for joint in joints])
         fields |= _fields(Torques, joints, kept)
+        kept = np.where(torque.is_read, kept, np.nan)
+        troubles += _constant(torque.columns, kept, [_si(Torques, joint) for joint in joints])
     refuse_two_courses(path, columns, np.hstack([values, kept]), section.stamps_s)
     units = [_si(Angles, joint) for joint in joints]
     return Found(

@@ -38,7 +38,9 @@ def refuse_two_courses(
         known = own[np.isfinite(own)]
         if len(known) < LEAST:
             continue
-        near, next_but_one = (float(np.median(np.abs(known[k:] - known[:-k]))) for k in (1, 2))
+        steps = np.abs(np.diff(known))
+        near = float(np.median(np.minimum(steps[1:], steps[:-1])))  # one step alone may be noise
+        next_but_one = float(np.median(np.abs(known[2:] - known[:-2])))
         if near > COURSES * next_but_one:
             raise ConfigError(
                 f"{path}: {column}: every second row follows another course, {near:.2g} away: do "

@@ -37,7 +37,6 @@ def sizes_of(
     )
     t_s, q = t_s[is_new], q[is_new]
     tau = np.full_like(q, np.nan) if tau is None else tau[is_new]
-    speeds = np.abs(np.diff(q, axis=0)) / np.diff(t_s)[:, None] if len(t_s) > 1 else np.abs(q)
     noises = [max(white_noise(t_s, one), _step(one) / np.sqrt(12.0)) for one in q.T]
     for kind in set(kinds):  # a joint at rest does not show what the encoders of the others do
         own = [k for k, other in enumerate(kinds) if other == kind]
@@ -47,12 +46,19 @@ def sizes_of(
     return [
         Limits(
             torque_nm=most(tau[:, k]),
-            speed_rad_s=most(speeds[:, k]),
+            speed_rad_s=most(_speeds(t_s, q[:, k])),
             torque_noise_nm=white_noise(t_s, tau[:, k]),
             position_noise_rad=noises[k],
         )
         for k in range(q.shape[1])
     ]
+
+
+def _speeds(t_s: FloatArray, q: FloatArray) -> FloatArray:
+    """Return the speeds between rows in which a joint's encoder counts, of all if it is at rest."""
+    counts = np.append(True, np.diff(q) != 0.0)[: len(q)]
+    rows = counts if counts.sum() > LEAST else np.full(len(q), True)
+    return np.asarray(np.abs(np.diff(q[rows])) / np.diff(t_s[rows]))
 
 
 def in_order(t_s: FloatArray, values: FloatArray) -> IntArray:

@@ -180,11 +180,10 @@ def delays(setting: Setting, places: Mapping[str, slice], torques: int) -> Delay
         k = slice(own, own + buses)
         of_joints[:, k] = [[joint.bus == bus.name for bus in config.buses] for joint in joints]
         of_channels[:n, k] = of_joints[:, k]
-        if not (config.wheels or config.thrusters):  # nothing but the unit is timed by the base
+        if not (config.wheels or config.thrusters):  # other sensors alone are timed by the base
             first = of_joints[0].copy()
             of_joints -= first
-            of_channels[:n] -= first
-            of_channels[torques:] -= first
+            of_channels -= first
     if imu:
         of_channels[torques + 3 :, -2] = of_channels[torques : torques + 3, -1] = 1.0
     known_s = np.zeros(torques + 6)

@@ -87,6 +87,11 @@ FORMS = {
     "titles of two cells": lambda: ["Robot;arm", "Start;2026-11-28", *lines(by=";")],
     "a row of units": lambda: [lines()[0], "s,rad,rad,N m,N m", *lines()[1:]],
     "titles and units": lambda: ["Export", *lines()[:1], "[s],[rad],,[Nm],[Nm]", *lines()[1:]],
+    "units, and last cells that are mostly empty": lambda: [
+        f"{lines()[0]},qx,qy",
+        "s,rad,rad,N m,N m,,",
+        *(f"{line}{',,' if row % 10 else ',0,1'}" for row, line in enumerate(lines()[1:])),
+    ],
     "byte order mark": lambda: ["\ufeff" + lines()[0], *lines()[1:]],
 }
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from fsw.config import Config
+from fsw.config.joints import WITHOUT_TORQUE
 from fsw.errors import ConfigError
 from offline.importing.captures import Channel
 from offline.importing.mapping import Mapping
@@ -193,6 +194,17 @@ def test_two_publishers_on_one_topic_are_refused(tmp_path: Path, column, shift_s
         channel(config, tmp_path, "joints", table)
 
 
+def test_rounded_noise_of_a_sensor_at_rest_is_one_course(tmp_path: Path) -> None:
+    """Of the steps just over half are one digit, of those over two rows just under half."""
+    config, table = case("joints")
+    moving(table)
+    digits = np.random.default_rng(4).integers(0, 2, ROWS)
+    near, next_but_one = (float(np.median(np.abs(digits[k:] - digits[:-k]))) for k in (1, 2))
+    assert (near, next_but_one) == (1.0, 0.0)
+    table["tau_joint3"] = [repr(0.01 * int(digit)) for digit in digits]
+    assert len(channel(config, tmp_path, "joints", table).t_ns) == ROWS
+
+
 def test_torques_that_never_come_with_positions_are_refused(tmp_path: Path) -> None:
     config, table = case("joints")
     moving(table)
@@ -211,6 +223,10 @@ def test_a_torque_that_never_changes_is_named(tmp_path: Path) -> None:
     table["tau_joint2"] = ["0.0"] * ROWS
     text = channel(config, tmp_path, "joints", table).text
     assert "tau_joint2 is 0 N m in every row: is it measured?" in text
+    blind = [joint.model_dump() for joint in config.joints]
+    blind[1] |= {"torque": "none", **WITHOUT_TORQUE}
+    text = channel(config.with_sections(joints=blind), tmp_path, "joints", table).text
+    assert "in every row" not in text
 
 
 @pytest.mark.parametrize("short", ["q", "tau", "t"])

@@ -7,6 +7,7 @@ import pytest
 
 from fsw.__main__ import main
 from fsw.config import load
+from offline.init.noise import sizes_of
 from tests.conftest import arm_urdf
 
 FLAGS = "--tool gripper --unknown target --target-mass-kg 2 --base clamped --imu none"
@@ -39,6 +40,18 @@ def test_rounded_angles_have_the_noise_of_their_rounding(tmp_path):
     config, _ = configured(tmp_path, t, np.round(q, 4), tau)
     for joint in config.joints:
         assert 2.5e-5 < joint.position_noise_rad < 4.5e-5
+
+
+def test_a_slow_joint_beside_a_fast_one_has_its_speed():
+    """Its encoder counts in 1e-3 rad, so that it changes in one row of five."""
+    t, q, tau = motion(np.random.default_rng(1))
+    q[:, 2] = np.round(0.02 * t, 3)
+    limits = sizes_of(t, q, tau, ["revolute"] * 3)
+    assert limits[0].speed_rad_s == pytest.approx(1.2, rel=0.01)
+    assert limits[2].speed_rad_s == pytest.approx(0.02, rel=0.2)
+    q[:, 2] = 0.3
+    q[50:52, 2] = 2.0
+    assert sizes_of(t, q, tau, ["revolute"] * 3)[2].speed_rad_s == 0.0
 
 
 def test_gaps_of_a_log_are_no_noise(tmp_path):

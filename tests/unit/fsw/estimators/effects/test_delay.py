@@ -31,6 +31,7 @@ from tests.support.estimator_cases import (
 )
 from tests.support.one_block import fused_rows, mrnea_rows
 from tests.support.wheel_cases import wheel_settings
+from tests.support.wrench_cases import with_wrist, wrist_problem
 
 SIGMA_S = 0.01
 NOT_DELAYED = {"torque": np.zeros(N), "acc": np.zeros(3), "gyro": np.zeros(3)}
@@ -279,3 +280,11 @@ def test_without_the_keys_nothing_changes() -> None:
     assert not problem.delays
     assert not [name for name in problem.names if name.startswith(KINDS)]
     assert problem.watched is None or not [n for n in problem.watched.names if n.startswith(KINDS)]
+
+
+def test_a_wrench_sensor_is_timed_by_the_base() -> None:
+    """Its samples come from no bus, so that those of the clock of a bus are advanced."""
+    config = with_wrist(make_config())
+    late = config.with_sections(buses=[config.buses[0].model_dump() | {"delay_sigma_s": SIGMA_S}])
+    own = wrist_problem(late).delays
+    np.testing.assert_array_equal(own.of_channels[:, 0], [*[0.0] * N, *[-1.0] * 12])
