@@ -11,7 +11,6 @@ from fsw.checks.outputs import validate_outputs
 from fsw.config import Config
 from fsw.errors import ConfigError
 from fsw.estimators.model.problem import Problem
-from offline.check_recording import check_recording, verdict_line
 from offline.describe import describe
 from offline.progress import Progress
 from planner.effects import told
@@ -28,8 +27,7 @@ def check(config: Config, other: Path | None) -> tuple[str, bool]:
     """
     problem, warnings = validate(config)
     if other is not None and other.suffix not in YAML_ENDINGS:
-        lines, agree = _judged(other, config, problem)
-        return "\n".join([*lines, verdict_line(other, config, agree)]), agree
+        return _judged(other, config, problem)
     validate_outputs(config)
     if config.telemetry is not None:
         from fsw.telemetry.link.uplink_configuration import check_uplink
@@ -52,9 +50,17 @@ def check(config: Config, other: Path | None) -> tuple[str, bool]:
     return "\n".join(lines), True
 
 
-def _judged(other: Path, config: Config, problem: Problem) -> tuple[list[str], bool]:
-    """Return one line for each finding in a recording or a CAN log, and whether the data agree."""
+def _judged(other: Path, config: Config, problem: Problem) -> tuple[str, bool]:
+    """Return the findings in a recording or a CAN log with the verdict, and if the data agree."""
+    from offline.check_recording import verdict_line  # imported late: it can open recordings
+
+    lines, agree = _findings(other, config, problem)
+    return "\n".join([*lines, verdict_line(other, config, agree)]), agree
+
+
+def _findings(other: Path, config: Config, problem: Problem) -> tuple[list[str], bool]:
     from offline.check_log import as_recording, frame_findings, is_log, lacking
+    from offline.check_recording import check_recording
     from offline.importing.tables import TABLES
 
     with Progress("check") as progress:
