@@ -78,14 +78,16 @@ class Table:
         """What a row is called."""
         return self._columns.rows
 
+    def unit(self, name: str) -> str:
+        """Return the unit that a row of units gives a column; empty: none that a mapping knows."""
+        return UNITS.get(plain_unit(self._columns.units.get(name, "").strip("[]() ")), "")
+
     def refuse_other_unit(self, key: str, name: str, unit: str) -> None:
         """Raise ConfigError if a row of units gives a column another known unit than `unit`."""
-        said = self._columns.units.get(name, "")
-        found = UNITS.get(plain_unit(said.strip("[]() ")), unit)
-        if found != unit:
+        if self.unit(name) not in ("", unit):
             raise ConfigError(
-                f"{self.path}: {key}: the row of units says {brief(said)} of {name!r}; the mapping "
-                f"says {unit}"
+                f"{self.path}: {key}: the row of units says {brief(self._columns.units[name])} of "
+                f"{name!r}; the mapping says {unit}"
             )
 
     def has(self, name: str) -> bool:

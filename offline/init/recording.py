@@ -180,7 +180,9 @@ def _sensors(
     gyro, force = chosen(axes, GYRO, FORCE), chosen(axes, FORCE, GYRO)
     if gyro is not None:
         w = _values(table, gyro)
-        in_degrees = "deg" in gyro.stem.lower() or most(w) > FAST_RAD_S
+        said = _said(table, gyro)
+        in_degrees = "deg" in gyro.stem.lower() or (most(w) > FAST_RAD_S and not said)
+        in_degrees |= "deg/s" in said
         column, unit, t_s = _time(table, gyro)
         seen["imu_rate_hz"] = rate_of(t_s)
         seen["gyro_noise_rad_s"] = noise_of(t_s, np.deg2rad(w) if in_degrees else w)
@@ -189,7 +191,8 @@ def _sensors(
         if force is not None:
             f = _values(table, force)
             size = float(np.nanmedian(np.linalg.norm(f, axis=1)))
-            in_g = 0.8 < size < 1.2
+            said = _said(table, force)
+            in_g = "g" in said or (0.8 < size < 1.2 and not said)
             seen["acc_noise_m_s2"] = noise_of(t_s, f) * (STANDARD_GRAVITY_M_S2 if in_g else 1.0)
             lines.append(_line("specific_force", force, "g" if in_g else "m/s2", f, ""))
     if turns is not None:
@@ -227,7 +230,8 @@ def _time(table: Table, group: Group) -> tuple[str, str, FloatArray]:
         if not fits:
             continue
         if unit != ISO:
-            named = (u for u in UNITS_S if u in words_of(column)[1:] and u in fits)
+            said = {*words_of(column)[1:], table.unit(column)}
+            named = (u for u in UNITS_S if u in said and u in fits)
             unit = next(named, fits[0])
         return column, unit, t * UNITS_S.get(unit, 1.0)
     raise ConfigError(
@@ -255,7 +259,8 @@ def _angles(table: Table, group: Group, model: RobotModel) -> tuple[FloatArray, 
     lower = np.array(model.model.lowerPositionLimit[7:])
     is_ranged = turning & np.isfinite(upper - lower)
     beyond = is_ranged & (np.array([most(own) for own in q.T]) > TURN_RAD)
-    in_degrees = "deg" in words_of(group.stem) or bool(beyond.any())
+    said = _said(table, group)
+    in_degrees = "deg" in {*words_of(group.stem), *said} or bool(beyond.any() and not said)
     if in_degrees:
         q = np.where(turning, np.deg2rad(q), q)
     unit = "deg" if in_degrees else "rad"
@@ -267,12 +272,18 @@ def _angles(table: Table, group: Group, model: RobotModel) -> tuple[FloatArray, 
 def _torques(table: Table, group: Group, model: RobotModel) -> tuple[FloatArray, str]:
     """Return the joints' torques [N m or N] and their unit in the table."""
     tau = _values(table, group)
-    unit = "mN m" if {"mnm", "mn"} & set(words_of(group.stem)) else "N m"
+    said = {*words_of(group.stem), *_said(table, group)}
+    unit = "mN m" if {"mnm", "mn", "mN m", "mN"} & said else "N m"
     slides = [kind == "prismatic" for kind in model.kinds()]
     words = unit
     if any(slides):
         words = f"[{', '.join(unit.removesuffix(' m') if slide else unit for slide in slides)}]"
     return tau * (1e-3 if unit == "mN m" else 1.0), words
+
+
+def _said(table: Table, group: Group) -> set[str]:
+    """Return what a row of units says of the columns."""
+    return {table.unit(name) for name in group.columns} - {""}
 
 
 def _values(table: Table, group: Group) -> FloatArray:

@@ -98,6 +98,25 @@ def test_a_table_is_imported_with_what_init_wrote(folder, columns, time, angle):
     assert "CHECK" in (folder / "robot.map.yaml").read_text()
 
 
+def test_a_row_of_units_decides(folder):
+    """Angles and rates are so small that they look like radians."""
+    t, q, tau = motion()
+    columns = by_name(1e3 * t, np.rad2deg(q) / 20.0, 1e3 * tau)
+    columns |= {f"gyro_{axis}": 0.01 * q[:, k] for k, axis in enumerate("xyz")}
+    columns |= {f"acc_{axis}": q[:, k] for k, axis in enumerate("xyz")}
+    lines = table(folder / "arm.csv", columns).read_text().splitlines()
+    units = ",".join(["[ms]", *["[deg]"] * 3, *["[mNm]"] * 3, *["[deg/s]"] * 3, *["[g]"] * 3])
+    (folder / "arm.csv").write_text("\n".join([lines[0], units, *lines[1:]]) + "\n")
+    assert initialised(folder, folder / "arm.csv", *MOUNT.split()) == 0
+    mapping = yaml.safe_load((folder / "robot.map.yaml").read_text())
+    found = [unit_of(mapping, key) for key in ("position", "torque")]
+    found += [mapping["imu"][key]["unit"] for key in ("rate", "specific_force")]
+    assert [mapping["time"]["unit"], *found] == ["ms", "deg", "mN m", "deg/s", "g"]
+    config = load(folder / "robot.yaml")
+    assert config.joints[0].position_noise_rad == pytest.approx(NOISE_RAD / 20.0, rel=0.2)
+    assert imported(folder, folder / "arm.csv") == 0
+
+
 @pytest.mark.parametrize("rate_hz", [30.0, 1000.0])
 def test_an_array_file_of_any_rate_is_imported(folder, rate_hz):
     t, q, tau = motion(rate_hz)
