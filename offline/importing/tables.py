@@ -193,9 +193,14 @@ def _field(name: str) -> str:
 def _npz_columns(path: Path) -> Columns:
     values, absent = dict[str, NDArray[np.generic]](), dict[str, str]()
     try:
-        if not zipfile.is_zipfile(path):
-            words = "it is no archive, or cut off; write one with np.savez(path, t=t, q=q)"
-            raise ConfigError(f"{path}: cannot be read as .npz: {words}")
+        with path.open("rb") as file:
+            is_archive = zipfile.is_zipfile(file)
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+    if not is_archive:
+        words = "it is no archive, or cut off; write one with np.savez(path, t=t, q=q)"
+        raise ConfigError(f"{path}: cannot be read as .npz: {words}")
+    try:
         with np.load(path, allow_pickle=False) as held:
             for name in held.files:
                 try:
@@ -204,8 +209,6 @@ def _npz_columns(path: Path) -> Columns:
                     if "allow_pickle" not in str(error):
                         raise
                     absent[name] = "holds Python objects; save numbers, as np.array(x, float)"
-    except ConfigError:
-        raise
     except _BROKEN as error:
         raise ConfigError(f"{path}: cannot be read as .npz: {unforeseen(error)}") from error
     return Columns(values=values, absent=absent)

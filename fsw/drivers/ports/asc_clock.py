@@ -12,14 +12,14 @@ from fsw.errors import ConfigError
 
 MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 OTHERS = {  # what else months begin with in German, French, Italian and Spanish
-    **dict.fromkeys(("gen", "ene"), 1),
-    "fév": 2,
+    **dict.fromkeys(("gen", "ene", "jän"), 1),
+    **dict.fromkeys(("fév", "fev"), 2),
     **dict.fromkeys(("mär", "mrz"), 3),
     **dict.fromkeys(("avr", "abr"), 4),
     **dict.fromkeys(("mai", "mag"), 5),
     **dict.fromkeys(("giu", "juin"), 6),
     **dict.fromkeys(("lug", "juil"), 7),
-    **dict.fromkeys(("ago", "aoû"), 8),
+    **dict.fromkeys(("ago", "aoû", "aou"), 8),
     "set": 9,
     **dict.fromkeys(("okt", "ott"), 10),
     **dict.fromkeys(("dez", "déc", "dic"), 12),

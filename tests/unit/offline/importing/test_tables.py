@@ -53,6 +53,14 @@ def test_what_is_no_archive_says_how_to_write_one(tmp_path: Path, data: bytes) -
     assert "pickle" not in str(said.value)
 
 
+@pytest.mark.parametrize("name", ["a.npz", "folder.npz"])
+def test_an_archive_that_cannot_be_opened_says_why(tmp_path: Path, name: str) -> None:
+    (tmp_path / "folder.npz").mkdir()
+    words = {"a.npz": "No such file or directory", "folder.npz": "Is a directory"}[name]
+    with pytest.raises(ConfigError, match=re.escape(f"{name}: cannot be read: {words}")):
+        Table(tmp_path / name)
+
+
 @pytest.mark.parametrize("values", [np.zeros(0), np.zeros((0, 3)), np.zeros((3, 0))])
 def test_an_empty_array_is_a_column_without_rows_or_width(tmp_path: Path, values) -> None:
     table = Table(archive(tmp_path / "a.npz", q=values))

@@ -119,6 +119,7 @@ ASC = "date {}\nbase hex  timestamps absolute\n   0.5 1  191             Rx   d 
         *[("janv.", 1), ("févr.", 2), ("mars", 3), ("avr.", 4), ("juin", 6), ("juil.", 7)],
         *[("août", 8), ("déc.", 12), ("gen", 1), ("mag", 5), ("giu", 6), ("lug", 7), ("ago", 8)],
         *[("set", 9), ("ott", 10), ("dic", 12), ("ene", 1), ("abr", 4), ("June", 6), ("jul", 7)],
+        *[("Jän.", 1), ("fevr.", 2), ("aout", 8)],
     ],
 )
 def test_months_of_an_asc_may_be_of_other_languages(tmp_path, name, month, encoding):
