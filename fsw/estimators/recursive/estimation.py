@@ -21,7 +21,7 @@ from fsw.estimators.recursive import pacing
 from fsw.estimators.recursive.change import InnovationMonitor
 from fsw.estimators.recursive.memory import Memory, data_within
 from fsw.estimators.recursive.origin import Origin
-from fsw.estimators.recursive.pacing import Pacing, distance
+from fsw.estimators.recursive.pacing import SETTLED, Pacing, distance
 from fsw.messages import Block, FloatArray
 
 EVENT_LIMIT = 64
@@ -70,7 +70,8 @@ class Estimation:
         self.memory = Memory(self.origin.information(mean), self._settings.store_blocks)
         self.x = mean.copy()
         self.since = 0
-        self.pacing = Pacing(settled=self.linear)
+        bound = pacing.SETTLED_IN_DOUBT if self._in_doubt else SETTLED
+        self.pacing = Pacing(settled=self.linear, bound=bound)
         self.span_ns: tuple[int, int] | None = None
 
     def take_over(self, mean: FloatArray, covariance: FloatArray, blocks: int) -> None:

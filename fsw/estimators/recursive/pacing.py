@@ -9,7 +9,8 @@ from scipy.linalg.lapack import dtrtri
 from fsw.estimators.recursive.snapshot import Values, kept, put
 from fsw.messages import FloatArray
 
-SETTLED = 0.05  # whitened rms step of a pass below which it has settled: 0.25 % of the NEES
+SETTLED = 0.02  # whitened rms step of a pass below which the estimate has settled
+SETTLED_IN_DOUBT = 0.05  # the same of the bodies alone, where arm and calibration are states
 WORTH = 0.01  # expected step of a pass below which the pass is not worth its time
 FAR = 0.5  # whitened rms distance from the last point at which the expected step is not trusted
 LEAST_PULL = 1 / 16
@@ -26,11 +27,12 @@ class Pacing:
 
     Attributes
     ----------
-    settled : whether the last pass moved the estimate by less than SETTLED
+    settled : whether the last pass moved the estimate by less than the bound
     """
 
-    def __init__(self, *, settled: bool) -> None:
-        self.settled = settled
+    def __init__(self, *, settled: bool, bound: float = SETTLED) -> None:
+        """`bound`: the step below which the estimate has settled."""
+        self.settled, self._bound = settled, bound
         self._last_move = self._last_step = np.inf
         self._last_since = 1
         self._before: FloatArray | None = None  # the point from which the last pass's came
@@ -97,7 +99,7 @@ class Pacing:
         """
         self._pull = max(self._pull / 2, LEAST_PULL) if failed else min(1.0, self._pull * 2)
         self._last_step = step
-        self.settled = step < SETTLED and failed == 0
+        self.settled = step < self._bound and failed == 0
         is_worse = misfit > max(self._misfit, MISFIT) and not self.settled
         self._good = self._before if is_worse and not self._returns else None
 

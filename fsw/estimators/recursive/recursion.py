@@ -28,7 +28,7 @@ from fsw.estimators.recursive.estimation import EVENT_LIMIT, Estimation, EventWo
 from fsw.estimators.recursive.isolation import ChannelScreen
 from fsw.estimators.recursive.memory import Memory
 from fsw.estimators.recursive.outside import OutsideWatch, Verdict
-from fsw.estimators.recursive.pacing import WORTH
+from fsw.estimators.recursive.pacing import SETTLED
 from fsw.estimators.recursive.prior_groups import in_words, widen
 from fsw.estimators.recursive.snapshot import Values, kept, put, to_information
 from fsw.estimators.recursive.trust import Trust
@@ -170,7 +170,7 @@ class Recursion(Estimation):
         limit = self.memory.passes + max_passes
         while self.memory.passes < limit or self._after_pass:
             rests = self.pacing.settled and not self.memory.in_pass and not self._after_pass
-            if rests and self._drift() < WORTH / 5:
+            if rests and self._drift() < SETTLED / 10:
                 break
             self.work(AT_ONCE)
 
