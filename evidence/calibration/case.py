@@ -87,7 +87,8 @@ def work(case: Case) -> dict[str, Row]:
         )
     if not done.stdout.strip():
         raise RuntimeError(f"{case} failed: {done.stderr.strip()[-500:]}")
-    truth = drawn_errors(scenario, case.seed, setup.robot.joint_names) | errors
+    late = {f"torque_delay.{name}": 0.0 for name in setup.robot.joint_names}  # of none
+    truth = drawn_errors(scenario, case.seed, setup.robot.joint_names) | errors | late
     figures = json.loads(done.stdout)["figures"]
     return {str(case): {"figures": [judged(figure, truth) for figure in figures]}}
 

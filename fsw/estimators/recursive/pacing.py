@@ -16,6 +16,7 @@ FAR = 0.5  # whitened rms distance from the last point at which the expected ste
 LEAST_PULL = 1 / 16
 BACK = 0.5  # cosine between a move and the last one reversed, above which the move leads back
 MISFIT = 2.0  # mean squared residual at a pass's point above which a pass must not raise it
+FAR_MISFIT = 100.0  # mean squared residual above which a point is not worth returning to
 RETURN = 0.75  # share of a step that is taken back where it fits worse
 _OF_STEPS = ("_last_move", "_last_step", "_last_since", "_pull", "_from")
 _OF_FIT = ("_misfit", "_before", "_good", "_returns")
@@ -101,6 +102,7 @@ class Pacing:
         self._last_step = step
         self.settled = step < self._bound and failed == 0
         is_worse = misfit > max(self._misfit, MISFIT) and not self.settled
+        is_worse = is_worse and self._misfit < FAR_MISFIT
         self._good = self._before if is_worse and not self._returns else None
 
     def found_idle(self, step: float) -> None:
