@@ -30,6 +30,7 @@ from offline.out_argument import refuse_existing
 from offline.progress import Progress
 from offline.recording_arguments import (
     calibrate_arguments,
+    check_arguments,
     export_arguments,
     identify_arguments,
     import_arguments,
@@ -105,8 +106,7 @@ def _bench(arguments: argparse.Namespace) -> int:
             arguments.rounds, arguments.seconds, arguments.priority, arguments.frame_rate, progress
         )
     print(json.dumps(report.to_json()) if arguments.json else report.to_text())
-    for text in report.missing:
-        print(f"fsw: warning: {text}", file=sys.stderr)
+    _warn(report.missing)
     return 0
 
 
@@ -131,28 +131,18 @@ def _configuration_parsers(commands: argparse._SubParsersAction[argparse.Argumen
 
     export_arguments(commands, _export)
 
-    check = commands.add_parser("check", help="validate everything; touch no device")
-    check.add_argument("config", type=Path, metavar="CONFIG")
-    overlay_argument(check)
-    check.add_argument(
-        "other",
-        type=Path,
-        nargs="?",
-        metavar="RECORDING|LOG|PLAN",
-        help="judge the one by the other; what a motion (YAML) would show",
-    )
-    check.set_defaults(command=_check)
+    check_arguments(commands, _check)
 
 
 def _warned(robot: Robot) -> Robot:
     """Print the warnings of a robot's configuration to stderr and return the robot."""
-    _warn(robot.config, robot.warnings)
+    _warn(f"{robot.config.name}: {text}" for text in robot.warnings)
     return robot
 
 
-def _warn(config: Config, warnings: Iterable[str]) -> None:
-    for warning in warnings:
-        print(f"fsw: warning: {config.name}: {warning}", file=sys.stderr)
+def _warn(texts: Iterable[str]) -> None:
+    for text in texts:
+        print(f"fsw: warning: {text}", file=sys.stderr)
 
 
 def _config(arguments: argparse.Namespace) -> Config:
@@ -168,7 +158,7 @@ def _checked(config: Config) -> Config:
     from fsw.checks.configuration import validate
 
     _, warnings = validate(config)
-    _warn(config, warnings)
+    _warn(f"{config.name}: {text}" for text in warnings)
     return config
 
 
@@ -206,8 +196,7 @@ def _replay(arguments: argparse.Namespace) -> int:
     with Progress("replay") as progress:
         result = replay(recording, robot, **span, progress=progress)
     print(json.dumps(result.to_json()) if arguments.json else result.to_text())
-    for line in result.warnings():
-        print(f"fsw: warning: {line}", file=sys.stderr)
+    _warn(result.warnings())
     valid = result.estimate is not None and result.estimate.valid and not result.missed
     return 0 if valid else FAILED_EXIT
 
@@ -314,8 +303,7 @@ def _import(arguments: argparse.Namespace) -> int:
         progress("judging what can be used of it")
         doubts = doubts_of(arguments.out, config)
     print("\n".join(written))
-    for line in doubts:
-        print(f"fsw: warning: {line}", file=sys.stderr)
+    _warn(doubts)
     return 0
 
 
@@ -380,7 +368,7 @@ def _export(arguments: argparse.Namespace) -> int:
     body, text = export(arguments)
     sys.stdout.write(text)
     if not body.valid:
-        print(f"fsw: warning: {arguments.result}: the estimate is not valid", file=sys.stderr)
+        _warn([f"{arguments.result}: the estimate is not valid"])
     return 0 if body.valid else FAILED_EXIT
 
 

@@ -111,6 +111,21 @@ def report_arguments(commands: Commands, command: Command) -> None:
     report.set_defaults(command=command)
 
 
+def check_arguments(commands: Commands, command: Command) -> None:
+    """Add the parser of `fsw check`."""
+    check = commands.add_parser("check", help="validate everything; touch no device")
+    check.add_argument("config", type=Path, metavar="CONFIG")
+    overlay_argument(check)
+    check.add_argument(
+        "other",
+        type=Path,
+        nargs="?",
+        metavar="RECORDING|LOG|PLAN",
+        help="judge the one by the other; what a motion (YAML) would show",
+    )
+    check.set_defaults(command=command)
+
+
 def calibrate_arguments(commands: Commands, command: Command) -> None:
     """Add the parser of `fsw calibrate`."""
     calibrate = commands.add_parser(

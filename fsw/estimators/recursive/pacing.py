@@ -6,6 +6,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dtrtri
 
+from fsw.estimators.measurement.continuity import NOISE_POWER
 from fsw.estimators.recursive.snapshot import Values, kept, put
 from fsw.messages import FloatArray
 
@@ -16,7 +17,6 @@ FAR = 0.5  # whitened rms distance from the last point at which the expected ste
 LEAST_PULL = 1 / 16
 BACK = 0.5  # cosine between a move and the last one reversed, above which the move leads back
 MISFIT = 2.0  # mean squared residual at a pass's point above which a pass must not raise it
-FAR_MISFIT = 100.0  # mean squared residual above which a point is not worth returning to
 RETURN = 0.75  # share of a step that is taken back where it fits worse
 _OF_STEPS = ("_last_move", "_last_step", "_last_since", "_pull", "_from")
 _OF_FIT = ("_misfit", "_before", "_good", "_returns")
@@ -70,7 +70,8 @@ class Pacing:
 
         With the root R of an information, a move that leads back is halved: passes oscillate there.
         Most of a step to a point that fits worse is taken back, because it was longer than its
-        linearisation holds; Gauss-Newton steps may diverge otherwise.
+        linearisation holds; Gauss-Newton steps may diverge otherwise. No step from a point that is
+        far off (NOISE_POWER) is taken back.
         """
         good, self._good, self._returns = self._good, None, self._good is not None
         if good is not None:
@@ -101,8 +102,8 @@ class Pacing:
         self._pull = max(self._pull / 2, LEAST_PULL) if failed else min(1.0, self._pull * 2)
         self._last_step = step
         self.settled = step < self._bound and failed == 0
-        is_worse = misfit > max(self._misfit, MISFIT) and not self.settled
-        is_worse = is_worse and self._misfit < FAR_MISFIT
+        is_worse = misfit > max(self._misfit, MISFIT) and self._misfit < NOISE_POWER
+        is_worse = is_worse and not self.settled
         self._good = self._before if is_worse and not self._returns else None
 
     def found_idle(self, step: float) -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from fsw.telemetry.dictionary import DICTIONARY, Significance
 
-pytest.importorskip("yamcs.pymdb", reason="needs yamcs-pymdb: pip install '.[test]'")
+pytest.importorskip("yamcs.pymdb", reason="needs yamcs-pymdb: pip install '.[ground]'")
 
 from offline.exports import FOLDER
 from offline.exports.single import single_commands

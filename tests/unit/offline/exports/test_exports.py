@@ -13,9 +13,9 @@ from fsw.__main__ import main
 from fsw.telemetry.dictionary import DICTIONARY, Packet, Type
 from tests.support.packing import pack, random_values
 
-pytest.importorskip("yamcs.pymdb", reason="needs yamcs-pymdb: pip install '.[test]'")
+pytest.importorskip("yamcs.pymdb", reason="needs yamcs-pymdb: pip install '.[ground]'")
 spp = pytest.importorskip(
-    "space_packet_parser", reason="needs space_packet_parser: pip install '.[test]'"
+    "space_packet_parser", reason="needs space_packet_parser: pip install '.[ground]'"
 )
 
 from offline.exports import FOLDER, XTCE, documents  # noqa: E402
@@ -115,7 +115,7 @@ def test_space_packet_parser_gives_every_value_back_bit_by_bit(definition, packe
 
 @pytest.mark.parametrize("packet", PACKETS)
 def test_ccsdspy_reads_a_stream_of_every_packet_by_its_table(packet):
-    ccsdspy = pytest.importorskip("ccsdspy", reason="needs ccsdspy: pip install '.[test]'")
+    ccsdspy = pytest.importorskip("ccsdspy", reason="needs ccsdspy: pip install '.[ground]'")
     rng = np.random.default_rng(6)
     rows = [random_values(packet, rng) for _ in range(3)]
     stream = io.BytesIO(b"".join(pack(packet, row, k) for k, row in enumerate(rows)))

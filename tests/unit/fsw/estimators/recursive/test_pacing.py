@@ -50,6 +50,15 @@ def test_steps_longer_than_the_linearisation_holds_are_shortened_until_they_lead
     assert whole == sorted(whole), "whole steps diverge"
 
 
+@pytest.mark.parametrize(("before", "taken_back"), [(50.0, True), (5e3, False)])
+def test_no_step_from_a_point_that_is_far_off_is_taken_back(before, taken_back):
+    pacing = Pacing(settled=False)
+    pacing.begin(1.0, 1, np.zeros(2), before)
+    pacing.end(10.0, 0, 10.0 * before)
+    point = pacing.point(np.full(2, 2.0), np.ones(2))
+    assert np.array_equal(point, np.full(2, 2.0)) != taken_back
+
+
 @pytest.mark.parametrize(("before", "after"), [(50.0, 50.1), (50.0, 3.0), (1.0, 1.9)])
 def test_a_misfit_that_stays_falls_or_is_of_noise_shortens_no_step(before, after):
     pacing = Pacing(settled=False)
