@@ -7,6 +7,7 @@ from fsw.config.joints import JointConfig
 from fsw.config.processing import EstimatorConfig
 from fsw.config.robot import METHODS_HELD, BaseConfig, BodyConfig
 from fsw.config.sensors import ImuConfig
+from fsw.errors import ConfigError
 
 NAMED_BY_PLACE = ("base", "target")
 FRAMES = "base is the root link, target in robot.tool_frame, any other body in a frame of its own"
@@ -65,20 +66,33 @@ def delays_fit(
     joints: Sequence[JointConfig], buses: Sequence[BusConfig], imu: ImuConfig, window_s: float
 ) -> None:
     """Raise ValueError for a delay in the model beyond a tenth of a window, or against no unit."""
-    against_unit = {"imu.delay_sigma_s": imu.delay_sigma_s}
-    against_unit |= {f"buses.{i}.delay_sigma_s": bus.delay_sigma_s for i, bus in enumerate(buses)}
-    delays = dict(against_unit)
-    for i, joint in enumerate(joints):
-        own = {key: getattr(joint, key) for key in ("torque_delay_s", "torque_delay_sigma_s")}
-        delays |= {f"joints.{i}.{key}": value for key, value in joint.named(own).items()}
-    for key, value in delays.items():
+    for key, value in delays_of(joints, buses, imu).items():
         if abs(value) > window_s * MOST_DELAY:
             raise ValueError(
                 f"{key}: {value:g} must be at most {MOST_DELAY:g} estimator.window_s, "
                 f"{window_s * MOST_DELAY:g}"
             )
-        if value and key in against_unit and not (imu.present and joints):
+        if value and not (key.startswith("joints.") or (imu.present and joints)):
             raise ValueError(f"{key}: {value:g} without joints and imu; must be 0")
+
+
+def delays_of(
+    joints: Sequence[JointConfig], buses: Sequence[BusConfig], imu: ImuConfig
+) -> dict[str, float]:
+    """Return the delays in the model, and 1 sigma of those that are states, by their keys [s]."""
+    found = {"imu.delay_sigma_s": imu.delay_sigma_s}
+    found |= {f"buses.{i}.delay_sigma_s": bus.delay_sigma_s for i, bus in enumerate(buses)}
+    for i, joint in enumerate(joints):
+        own = {key: getattr(joint, key) for key in ("torque_delay_s", "torque_delay_sigma_s")}
+        found |= {f"joints.{i}.{key}": value for key, value in joint.named(own).items()}
+    return found
+
+
+def method_takes_delays(method: str, delays: Mapping[str, float]) -> None:
+    """Raise ConfigError for a delay in the model of a method that predicts no torque."""
+    for key, value in delays.items():
+        if value and method == "ce":
+            raise ConfigError(f"{key}: {value:g}; method 'ce' predicts no torque: must be 0")
 
 
 def redundancy_works(i: int, bus: BusConfig) -> None:

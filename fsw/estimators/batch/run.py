@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from fsw.config import Config
+from fsw.config.consistency import delays_of, method_takes_delays
 from fsw.config.modes import METHODS_MODES
 from fsw.config.robot import METHODS_HELD
 from fsw.errors import NUMERICAL, ConfigError, EstimatorError, unforeseen
@@ -102,7 +103,7 @@ def run_batch(
     Raises
     ------
     EstimatorError if there is no usable block or no such method, or if arithmetic fails on these
-    blocks; ConfigError if a body has no prior.
+    blocks; ConfigError if a body has no prior, and for a delay with ce.
     """
     try:
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
@@ -144,6 +145,7 @@ def _run(
         raise EstimatorError(
             f"{what} needs the position of every joint; {turning[0]!r} has encoder: speed"
         )
+    method_takes_delays(method, delays_of(config.joints, config.buses, config.imu))
     if config.modes and (method not in METHODS_MODES or reference):
         what = "a reference" if reference else f"method {method!r}"
         raise EstimatorError(f"{what} knows no modes: {' or '.join(METHODS_MODES)}, without one")

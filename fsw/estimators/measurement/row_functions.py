@@ -237,7 +237,7 @@ def row_function(method: str, weighting: str, problem: Problem) -> RowsFunction:
 
     Raises
     ------
-    EstimatorError for an unknown method, and for ce with firings or delays.
+    EstimatorError for an unknown method, and for ce with firings.
     """
     functions: dict[str, RowsFunction] = {
         "mrnea": _Mrnea(problem, weighting),
@@ -250,6 +250,4 @@ def row_function(method: str, weighting: str, problem: Problem) -> RowsFunction:
         raise EstimatorError(f"method {method!r} is not one of {', '.join(functions)}")
     if method == "ce" and len(problem.switched):
         raise EstimatorError("method 'ce' cannot take firings: they work on the whole's motion")
-    if method == "ce" and problem.delays:
-        raise EstimatorError("method 'ce' cannot take delays: its rows predict no torque")
     return functions[method]

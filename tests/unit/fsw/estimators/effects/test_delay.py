@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from fsw.config import Config
-from fsw.errors import ConfigError, EstimatorError
+from fsw.errors import ConfigError
+from fsw.estimators.batch.run import run_batch
 from fsw.estimators.batch.solver import solve
 from fsw.estimators.conditioning.polynomial import NodeFit, gauss_nodes
 from fsw.estimators.measurement.block_stack import BlockStack
@@ -250,9 +251,17 @@ def test_a_known_delay_is_no_state_and_acts_all_the_same() -> None:
     )
 
 
-def test_energy_refuses_delays() -> None:
-    with pytest.raises(EstimatorError, match="delays"):
-        row_function("ce", "eiv", build_problem(with_delays(make_config()), robot_model()))
+@pytest.mark.parametrize(
+    ("sizes", "line"),
+    [
+        ({"buses": 0.0, "imu": 0.0}, r"joints\.0\.torque_delay_sigma_s: 0\.01; .*'ce'.* must be 0"),
+        ({"joints": 0.0, "imu": 0.0}, r"buses\.0\.delay_sigma_s: 0\.01; .*'ce'.* must be 0"),
+    ],
+)
+def test_energy_refuses_delays_by_key_value_and_bound(sizes: dict[str, float], line: str) -> None:
+    config = with_delays(make_config(), **sizes)
+    with pytest.raises(ConfigError, match=rf"^{line}$"):
+        run_batch(config, [random_block(2)], "ce", ("target",))
 
 
 @pytest.mark.parametrize(
