@@ -11,6 +11,7 @@ from evidence.methods.cases import DEVICE, WIDER, StudyRecord, scenario_of, trut
 from evidence.methods.exact import true_robot
 from evidence.methods.fisher import ALL
 from evidence.methods.flight_side import priors_of, write_config
+from evidence.methods.methods import with_estimator
 from evidence.methods.sample_level import judge_all
 from fsw.config import Config
 from fsw.messages import Block
@@ -19,7 +20,6 @@ from hil.judge.floating import FloatingRobot
 from hil.judge.score import BOUND_RATE_HZ
 from hil.run.bench import EDGE_S, Setup, run_virtual
 from hil.run.flight_sensors import bound_sensors
-from hil.run.flown import with_estimator
 from hil.run.progress import Quiet
 from hil.world.history import TruthHistory
 from hil.world.inertia import FloatArray, pi_of

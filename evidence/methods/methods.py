@@ -8,7 +8,6 @@ import numpy as np
 from fsw.config import Config
 from fsw.estimators.batch.run import run_batch
 from fsw.messages import Block
-from hil.run.flown import with_estimator
 from hil.world.inertia import COUNT, FloatArray
 
 CONSISTENT = ("mrnea eiv", "rda", "fused")  # methods whose mean NEES must be in its band
@@ -44,6 +43,12 @@ METHODS: Mapping[str, Method] = {
     "ce": Method(method="ce", weighting="eiv", own="torque"),
     FUSED: Method(method="fused", weighting="eiv", own="all"),
 }
+
+
+def with_estimator(config: Config, method: str, weighting: str = "eiv") -> Config:
+    """Return the configuration with another online estimator."""
+    chosen = config.estimator.model_copy(update={"method": method, "weighting": weighting})
+    return config.model_copy(update={"estimator": chosen})
 
 
 def on_blocks(name: str, blocks: Sequence[Block], config: Config) -> MethodOutcome:

@@ -1,20 +1,12 @@
-"""The report of the study: one self-contained HTML file, and the same figures as CSV and JSON."""
+"""The report of the study: a page like that of `fsw report`, and its figures as CSV and JSON."""
 
-import base64
 import csv
-import html
-import io
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import matplotlib
-
-matplotlib.use("Agg")
-
-import matplotlib.pyplot as plt
 import numpy as np
 
 from evidence.paper import tables
@@ -32,11 +24,8 @@ from evidence.paper.cases import (
 from evidence.paper.identify import verification
 from evidence.paper.printed import METRIC_TITLES, METRICS
 from evidence.paper.tables import Cell, Results, pick
-
-STYLE = """body{font:15px/1.45 sans-serif;max-width:72em;margin:2em auto;padding:0 1em;color:#222}
-table{border-collapse:collapse;margin:1em 0}td,th{border:1px solid #bbb;padding:.25em .6em;
-text-align:right}th,td:first-child{text-align:left}caption{text-align:left;font-weight:bold}
-.no{color:#a00}.yes{color:#070}small{color:#666}"""
+from offline.report.page import page
+from offline.report.view import Chart, Line, Section, Table, View, line_of, thinned_axis
 
 ASSUMPTIONS = (
     "Noise: the paper's profile is 0.0032 of each unit per sample, white; its literal reading "
@@ -77,78 +66,83 @@ def write(folder: Path, results: Results, code: str) -> list[dict[str, Any]]:
         "cells": tables.plain(table),
     }
     (folder / "report.json").write_text(json.dumps(document, indent=1), encoding="utf-8")
-    page = _page(table, results, judged, code)
-    (folder / "report.html").write_text(page, encoding="utf-8")
+    shown = page(_view(table, results, judged, code))
+    (folder / "report.html").write_text(shown, encoding="utf-8")
     return judged
 
 
-def _page(
+def _view(
     table: Sequence[Cell], results: Results, judged: Sequence[Mapping[str, Any]], code: str
-) -> str:
-    parts = [
-        "<!doctype html><html lang='en'><head><meta charset='utf-8'>"
-        "<title>The paper's study</title>"
-        f"<style>{STYLE}</style></head><body><h1>The paper's study, reproduced</h1>",
-        "<p>Rackl, Lampariello, Albu-Sch&auml;ffer (2013), Tables 2 to 7 and Figure 3, beside "
-        f"the fused estimator. Code: {html.escape(code)}. A cell is the median over the seeds, "
-        "[quartiles], and seed 23000 in brackets.</p>",
-        "<h2>What is required</h2>",
-        _grid(
-            ("", "found", "wanted", "expected at the bound (CRB)", ""),
-            (
-                (
-                    v["name"],
-                    _number(v["value"]),
-                    _number(v["wanted"]),
-                    _number(v.get("bound")),
-                    _state(v),
-                )
-                for v in judged
-            ),
-        ),
-        "<h2>Readings and assumptions</h2><ul>",
-        *(f"<li>{html.escape(line)}</li>" for line in ASSUMPTIONS),
-        "</ul><h2>End-effector errors, LEO, noise and disturbances (Tables 4 to 7)</h2>",
-        *(_metric(table, "leo", metric) for metric in METRICS),
-        f"<img alt='errors by method' src='{_bars(table)}'>",
-        "<h2>Order of the methods</h2><p>Claimed only where the intervals between the quartiles "
-        "are apart.</p><ul>",
-        *(f"<li>{html.escape(line)}</li>" for line in tables.orderings(table)),
-        f"</ul><p>{html.escape(WHY)}</p>",
-        "<h2>Target in LEO, with and without disturbances (Tables 2 and 3)</h2>",
-        *(_parameters(entry) for entry in tables.parameter_tables(results)),
-        "<h2>Error over time (Figure 3)</h2>",
-        *_histories(results),
-        "<h2>GEO</h2>",
-        *(_metric(table, "geo", metric) for metric in METRICS),
-        "<h2>Sensitivity to the reading of the noise</h2>",
-        *(_varied(table, system, "noise", NOISES) for system in SYSTEMS),
-        "<h2>Disturbances one by one</h2>",
-        *(_varied(table, system, "acting", tuple(PARTS)) for system in SYSTEMS),
-        "<h2>Bias by the disturbances, noise-free data</h2>",
-        *(_bias(system, values) for system, values in tables.biases(results).items()),
-        "</body></html>",
+) -> View:
+    missed = [v["name"] for v in judged if _state(v) == "missed"]
+    head = ("", "found", "wanted", "expected at the bound (CRB)", "")
+    required = [
+        (v["name"], *(_number(v.get(key)) for key in ("value", "wanted", "bound")), _state(v))
+        for v in judged
     ]
-    return "\n".join(parts)
+    about = (
+        "Rackl, Lampariello, Albu-Schäffer (2013), Tables 2 to 7 and Figure 3, beside the fused "
+        f"estimator. Code: {code}. A cell is the median over the seeds, [quartiles], and seed "
+        f"{PAPER_SEED} in brackets."
+    )
+    orders = ["Claimed only where the intervals between the quartiles are apart."]
+    return View(
+        title="The paper's study, reproduced",
+        verdict=f"MISSED: {'; '.join(missed)}" if missed else "every requirement holds",
+        valid=not missed,
+        sections=[
+            Section(title="Required", text=[about], tables=[Table(head=head, rows=required)]),
+            Section(title="Readings and assumptions", text=ASSUMPTIONS),
+            Section(
+                title="End-effector errors, LEO, noise and disturbances (Tables 4 to 7)",
+                tables=[_metric(table, "leo", metric) for metric in METRICS],
+                charts=[_by_method(table, system) for system in SYSTEMS],
+                in_rows_of=3,
+            ),
+            Section(title="Order of the methods", text=[*orders, *tables.orderings(table), WHY]),
+            Section(
+                title="Target in LEO, with and without disturbances (Tables 2 and 3)",
+                tables=[_parameters(entry) for entry in tables.parameter_tables(results)],
+            ),
+            Section(
+                title="Error over time (Figure 3)",
+                charts=[chart for system in SYSTEMS for chart in _histories(results, system)],
+                in_rows_of=2,
+            ),
+            Section(title="GEO", tables=[_metric(table, "geo", metric) for metric in METRICS]),
+            Section(
+                title="Sensitivity to the reading of the noise",
+                tables=[_varied(table, system, "noise", NOISES) for system in SYSTEMS],
+            ),
+            Section(
+                title="Disturbances one by one",
+                tables=[_varied(table, system, "acting", tuple(PARTS)) for system in SYSTEMS],
+            ),
+            Section(
+                title="Bias by the disturbances, noise-free data",
+                tables=[_bias(*entry) for entry in tables.biases(results).items()],
+            ),
+        ],
+    )
 
 
 def _state(verdict: Mapping[str, Any]) -> str:
     if verdict["passed"]:
-        return "<b class='yes'>holds</b>"
-    return "the bound forbids it" if verdict["forbidden"] else "<b class='no'>missed</b>"
+        return "holds"
+    return "the bound forbids it" if verdict["forbidden"] else "missed"
 
 
-def _metric(table: Sequence[Cell], orbit: str, metric: str) -> str:
+def _metric(table: Sequence[Cell], orbit: str, metric: str) -> Table:
     rows = []
     for system in SYSTEMS:
         own = pick(table, orbit=orbit, system=system, noise=PAPER, acting=ALL, metric=metric)
         rows += [(f"{system}, {c.method}", _number(c.printed), _cell(c)) for c in own]
     seeds = max((c.seeds for c in pick(table, orbit=orbit, noise=PAPER, acting=ALL)), default=0)
     title = METRIC_TITLES[metric] if orbit == "leo" else METRIC_TITLES[metric].split(" (")[0]
-    return _grid(("", "printed", f"ours, {seeds} seeds"), rows, title)
+    return Table(head=(title, "printed", f"ours, {seeds} seeds"), rows=rows)
 
 
-def _varied(table: Sequence[Cell], system: str, attribute: str, values: Sequence[str]) -> str:
+def _varied(table: Sequence[Cell], system: str, attribute: str, values: Sequence[str]) -> Table:
     head = [m for m in METHODS if attribute == "noise" or m in ("rda", "fused")]
     rows = []
     for value in values:
@@ -156,10 +150,10 @@ def _varied(table: Sequence[Cell], system: str, attribute: str, values: Sequence
         own = pick(table, orbit="leo", system=system, metric="mean_position_m", **wanted)
         by_method = {cell.method: cell for cell in own}
         rows.append((value, *(_cell(by_method[m]) if m in by_method else "" for m in head)))
-    return _grid(("", *head), rows, f"{system}: mean position error [m]")
+    return Table(head=(f"{system}: mean position error [m]", *head), rows=rows)
 
 
-def _parameters(entry: Mapping[str, Any]) -> str:
+def _parameters(entry: Mapping[str, Any]) -> Table:
     rows = [
         (name, f"{printed:g}", f"{median:.6g} [{low:.6g}, {high:.6g}]")
         for name, printed, median, low, high in zip(
@@ -167,11 +161,11 @@ def _parameters(entry: Mapping[str, Any]) -> str:
         )
     ]
     what = "with disturbances" if entry["acting"] == ALL else "without disturbances"
-    head = ("", "printed (RDA)", f"{entry['method']}, {entry['seeds']} seeds")
-    return _grid(head, rows, f"{entry['method']}, {what}")
+    head = (what, "printed (RDA)", f"{entry['method']}, {entry['seeds']} seeds")
+    return Table(head=head, rows=rows)
 
 
-def _bias(system: str, values: Mapping[str, Any]) -> str:
+def _bias(system: str, values: Mapping[str, Any]) -> Table:
     rows = []
     for name, found in values.items():
         if isinstance(found, Mapping):
@@ -180,67 +174,51 @@ def _bias(system: str, values: Mapping[str, Any]) -> str:
             rows.append((name, where, masses, f"{found['error_sigma_rms']:.3g}"))
         else:
             rows.append((name, f"{100 * found:.2f} %", "", ""))
-    head = ("method, acting, treatment", "mean position error [m]", "mass error", "rms in sigma")
-    return _grid(head, rows, system)
+    what = f"{system}: method, acting, treatment"
+    return Table(head=(what, "mean position error [m]", "mass error", "rms in sigma"), rows=rows)
 
 
-def _bars(table: Sequence[Cell]) -> str:
-    figure, axes = plt.subplots(1, len(SYSTEMS), figsize=(11, 3.6), sharey=True)
-    for axis, system in zip(axes, SYSTEMS, strict=True):
-        own = pick(
-            table, orbit="leo", system=system, noise=PAPER, acting=ALL, metric="mean_position_m"
+def _by_method(table: Sequence[Cell], system: str) -> Chart:
+    """Return the chart of the mean position errors: median, quartiles and printed figure."""
+    own = pick(table, orbit="leo", system=system, noise=PAPER, acting=ALL, metric="mean_position_m")
+    own = [cell for cell in own if math.isfinite(cell.median)]
+    names = ", ".join(f"{k} {cell.method}" for k, cell in enumerate(own))
+    sides = ("median", "low", "high", "printed")
+    lines = [[getattr(cell, side) for cell in own] for side in sides]
+    return Chart(
+        title=system,
+        x_label=f"method [1]: {names}",
+        y_label="mean position error [m]",
+        x=[float(k) for k in range(len(own))],
+        lines=[Line(label=k, y=y, points=True) for k, y in zip(sides, lines, strict=True)],
+        log=True,
+    )
+
+
+def _histories(results: Results, system: str) -> list[Chart]:
+    """Return the charts of the tool's errors over time for the paper's seed, if it was run."""
+    start = "|".join(("sample", "leo", system, PAPER, ALL, str(PAPER_SEED)))
+    values = next((v for key, v in results.items() if key.startswith(start)), {})
+    truth, tool = truth_of(scenario_of("leo", system, "none")), verification("leo", system)
+    errors = {m: tool.error(np.array(v["x"]), truth) for m, v in values.items() if "x" in v}
+    return [
+        Chart(
+            title=f"{system}, seed {PAPER_SEED}",
+            x_label="t [s]",
+            y_label=label,
+            x=thinned_axis(next(iter(errors.values())).t_s),
+            lines=[
+                line_of(method, np.maximum(getattr(error, name)[0], 1e-9))
+                for method, error in errors.items()
+            ],
+            log=True,
         )
-        own = [cell for cell in own if math.isfinite(cell.median)]
-        places = np.arange(len(own))
-        middle = np.array([cell.median for cell in own])
-        reach = np.array([[c.median - c.low, c.high - c.median] for c in own]).T
-        if own:
-            axis.errorbar(places, middle, yerr=np.maximum(reach, 0.0), fmt="o", label="ours")
-        printed = [(k, c.printed) for k, c in enumerate(own) if c.printed is not None]
-        axis.plot([k for k, _ in printed], [p for _, p in printed], "x", label="printed")
-        axis.set_yscale("log")
-        axis.set_xticks(places, [c.method.replace(", ", "\n") for c in own], fontsize=8)
-        axis.set_title(system)
-    axes[0].set_ylabel("mean position error [m]")
-    axes[0].legend()
-    return _embedded(figure)
-
-
-def _histories(results: Results) -> list[str]:
-    found = []
-    for system in SYSTEMS:
-        start = "|".join(("sample", "leo", system, PAPER, ALL, str(PAPER_SEED)))
-        values = next((v for key, v in results.items() if key.startswith(start)), None)
-        if values is None or not any("x" in found for found in values.values()):
-            continue
-        truth = truth_of(scenario_of("leo", system, "none"))
-        tool = verification("leo", system)
-        figure, axes = plt.subplots(1, 2, figsize=(11, 3.4))
-        for method in METHODS:
-            if "x" in values.get(method, {}):
-                error = tool.error(np.array(values[method]["x"]), truth)
-                axes[0].semilogy(error.t_s, np.maximum(error.position_m[0], 1e-9), label=method)
-                axes[1].semilogy(error.t_s, np.maximum(error.angle_rad[0], 1e-9), label=method)
-        axes[0].set(xlabel="t [s]", ylabel="position error [m]", title=f"{system}, seed 23000")
-        axes[1].set(xlabel="t [s]", ylabel="orientation error [rad]")
-        axes[1].legend(fontsize=8)
-        found.append(f"<img alt='{system}' src='{_embedded(figure)}'>")
-    return found
-
-
-def _embedded(figure: Any) -> str:  # noqa: ANN401  matplotlib's figure
-    buffer = io.BytesIO()
-    figure.tight_layout()
-    figure.savefig(buffer, format="png", dpi=90)
-    plt.close(figure)
-    return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
-
-
-def _grid(head: Iterable[str], rows: Iterable[Iterable[str]], title: str | None = None) -> str:
-    top = "".join(f"<th>{cell}</th>" for cell in head)
-    body = "".join("<tr>" + "".join(f"<td>{c}</td>" for c in row) + "</tr>" for row in rows)
-    caption = "" if title is None else f"<caption>{html.escape(title)}</caption>"
-    return f"<table>{caption}<tr>{top}</tr>{body}</table>"
+        for name, label in (
+            ("position_m", "position error [m]"),
+            ("angle_rad", "orientation error [rad]"),
+        )
+        if errors
+    ]
 
 
 def _cell(cell: Cell) -> str:
@@ -248,7 +226,7 @@ def _cell(cell: Cell) -> str:
         return f"none of {cell.seeds}"
     failed = f", {cell.failed} failed" if cell.failed else ""
     text = f"{_number(cell.median)} [{_number(cell.low)}, {_number(cell.high)}]"
-    return f"{text} <small>({_number(cell.paper_seed)}){failed}</small>"
+    return f"{text} ({_number(cell.paper_seed)}){failed}"
 
 
 def _number(value: float | None) -> str:

@@ -1,6 +1,7 @@
 """Cells, orderings, verdicts and the page, on results made up for it."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -94,7 +95,13 @@ def test_what_the_bound_forbids_is_not_called_missed():
 def test_the_page_is_self_contained(tmp_path):
     judged = report.write(tmp_path, made_up(3), "abc123")
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert "data:image/png;base64," in page
+    inside = re.search(r'type="application/json">(.*?)</script>', page, re.S)
+    assert inside is not None
+    charts = json.loads(inside[1])
+    assert [chart["title"] for chart in charts] == list(SYSTEMS)
+    assert charts[0]["lines"][3]["y"][:4] == [
+        PRINTED["mean_position_m"][m]["base"] for m in METHODS[:4]
+    ]
     assert "http" not in page.replace("http://www.w3.org", "")
     for method in METHODS:
         assert f"base, {method}" in page
