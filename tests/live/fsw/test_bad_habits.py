@@ -12,7 +12,7 @@ from fsw.exchange.recording import contents
 from tests.conftest import ArmProject
 
 PATIENCE_S = 90.0  # a busy machine
-CLOSED = 'exec "$0" "$@" <&- >&- 2>&-'
+CLOSED = 'exec env --default-signal=HUP "$0" "$@" <&- >&- 2>&-'  # also where pytest ignores it
 
 
 def wait_ticks(state: Path, process: subprocess.Popen[bytes]) -> dict:
@@ -43,6 +43,7 @@ def test_without_streams_in_a_folder_of_others_until_the_terminal_closes(arm: Ar
         assert process.wait(PATIENCE_S) == 0
     finally:
         process.kill()
+        process.wait()
     assert {name: own["ends"] for name, own in status["processes"].items()} == {
         "service": 0,
         "estimation": 0,
