@@ -30,7 +30,7 @@ class SchedulerConfig(Section):
 
     tick_rate_hz: Rate
     """the loop's rate"""
-    batch_s: float = Field(default=0.033, gt=0.0, le=0.05)
+    batch_s: float = Field(default=0.05, gt=0.0, le=0.05)
     """received data are decoded and judged in batches of this length: a fault is found at most this
     long and some ticks after the sample that shows it"""
     work_budget_s: Duration | None = None

@@ -97,11 +97,11 @@ class CanSegment:
         self, ready_ns: float, can_id: int, data: bytes, is_fd: bool, line: int = 0
     ) -> TimedFrame:
         """Put a frame on a line when the frame is ready and the line free; return the frame."""
-        length = len(data)
+        length, busy_ns = len(data), self._busy_ns
         stuff_bits = next(self._draws) * (34 + 8 * length) / 8.0
-        start_ns = max(ready_ns, self._busy_ns[line])
-        self._busy_ns[line] = start_ns + duration_ns(length, is_fd, stuff_bits)
-        return round(self._busy_ns[line]), can_id, data, is_fd
+        start_ns = ready_ns if ready_ns > busy_ns[line] else busy_ns[line]
+        busy_ns[line] = end_ns = start_ns + duration_ns(length, is_fd, stuff_bits)
+        return round(end_ns), can_id, data, is_fd
 
     def _listening(self, t_ns: int, line: int) -> dict[int, JointNode]:
         """Return the nodes that use a line at this time, by joint index."""

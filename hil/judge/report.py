@@ -18,6 +18,7 @@ if TYPE_CHECKING:  # otherwise imported when a picture is drawn
 
 BAND_SIGMAS = 3.0
 COLUMNS = 5
+WIDTH_IN, ROW_IN = 16.0, 2.5
 BODY_ROWS = COUNT // COLUMNS
 TRUTH, ESTIMATE, PRIOR = "#202020", "#1f5fa8", "#9a9a9a"  # colours of the page
 
@@ -59,10 +60,14 @@ def draw(story: Story) -> Figure:
 
     bodies = list(story.truth)
     rows = BODY_ROWS * len(bodies) + 2
-    figure = Figure(figsize=(16, 2.5 * rows), layout="constrained")
+    height_in = ROW_IN * rows
+    figure = Figure(figsize=(WIDTH_IN, height_in))
     FigureCanvasAgg(figure)
-    figure.suptitle(story.title)
-    grid = figure.add_gridspec(rows, COLUMNS)
+    figure.suptitle(story.title, y=1.0 - 0.1 / height_in, verticalalignment="top")
+    low, high = 0.55 / height_in, 1.0 - 0.6 / height_in  # a layout engine would draw twice
+    grid = figure.add_gridspec(
+        rows, COLUMNS, left=0.05, right=0.99, bottom=low, top=high, wspace=0.35, hspace=0.5
+    )
     for k, body in enumerate(bodies):
         for j in range(COUNT):
             spot = grid[BODY_ROWS * k + j // COLUMNS, j % COLUMNS]
@@ -116,7 +121,7 @@ def _residuals(axes: Axes, residuals: Residuals) -> None:
     axes.set_title("joint torque, measured less predicted", fontsize=9)
     axes.set_ylabel("torque [N m]")
     axes.set_xlabel("time [s]")
-    axes.legend(fontsize=6, ncols=4)
+    axes.legend(fontsize=6, ncols=4, loc="upper right")
 
 
 def _information(axes: Axes, points: Sequence[Point]) -> None:

@@ -1,6 +1,6 @@
 """Simulated monotonic time, which passes only in sleeps; serial arrivals end a sleep early."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
@@ -14,8 +14,7 @@ class SimClock:
 
     def __init__(self, t0_ns: int, rng: np.random.Generator, wake_latency_s: float) -> None:
         self._now_ns = t0_ns
-        self._rng = rng
-        self._mean_ns = wake_latency_s * 1e9
+        self._latencies_ns = _exponential_draws(rng, wake_latency_s * 1e9)
         self._sources: dict[int, Callable[[], int | None]] = {}
 
     def register(self, next_ns: Callable[[], int | None]) -> int:
@@ -41,12 +40,20 @@ class SimClock:
         """
         if deadline_ns <= self._now_ns:
             return True
-        due = [t for t in (self._sources[fd]() for fd in wake_fds) if t is not None]
-        arrival_ns = min(due, default=deadline_ns)
+        arrival_ns = deadline_ns
+        for fd in wake_fds:
+            next_ns = self._sources[fd]()
+            if next_ns is not None and next_ns < arrival_ns:
+                arrival_ns = next_ns
         if arrival_ns < deadline_ns:
-            wake_ns = max(arrival_ns, self._now_ns) + round(self._rng.exponential(self._mean_ns))
+            wake_ns = max(arrival_ns, self._now_ns) + round(next(self._latencies_ns))
             if wake_ns < deadline_ns:
                 self._now_ns = wake_ns
                 return False
         self._now_ns = deadline_ns
         return True
+
+
+def _exponential_draws(rng: np.random.Generator, mean: float) -> Iterator[float]:
+    while True:
+        yield from rng.exponential(mean, 1024).tolist()

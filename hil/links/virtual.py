@@ -76,12 +76,14 @@ class VirtualCan:
         self._drained: list[bytes] = []
 
     def _deliver(self, frames: Sequence[TimedFrame]) -> None:
-        if self._is_cut():
+        if not frames or self._is_cut():
             return
-        for frame in self.tap(frames) if frames else ():
+        for frame in self.tap(frames):
             heapq.heappush(self._queue, (frame[0], next(self._order), frame))
 
     def _is_cut(self) -> bool:
+        if not self.outages_ns:
+            return False
         now_ns = self._clock.now_ns()
         return any(start <= now_ns < stop for start, stop in self.outages_ns)
 

@@ -110,8 +110,11 @@ class SyncHistory:
             none = np.full(len(counters), UNKNOWN)
             return Matched(none, np.zeros(len(counters), np.int64), none, none >= 0)
         last = np.searchsorted(self._rows, rows) - 1
-        if last.min(initial=0) >= 0 and not np.count_nonzero(held[last] != counters):
-            at, found = last, np.ones(len(last), np.bool_)  # every answer is to its newest SYNC
+        at = last - (
+            held[last] != counters
+        )  # an answer is to its newest SYNC, or to the one before
+        if at.min(initial=0) >= 0 and not np.count_nonzero(held[at] != counters):
+            found = np.ones(len(at), np.bool_)
         else:
             at, found = _latest(held, counters, last)
         stamps_ns = self._stamps_ns[np.where(found, at, 0)]
