@@ -12,14 +12,13 @@ from typing import Any
 import numpy as np
 
 from evidence.campaign.config import CampaignRun
+from evidence.methods import exact
 from evidence.methods.cases import SENSOR_SETS, WIDER
-from evidence.methods.exact import true_robot
 from evidence.methods.flight_side import without_biases, write_config
 from evidence.methods.methods import FUSED, on_blocks
 from evidence.methods.sensed import condition, declared, draws, sensed, with_noise
 from evidence.store import Row
 from hil.judge.endeffector import Verification
-from hil.judge.floating import FloatingRobot
 from hil.judge.score import normalised_error_squared
 from hil.run.bench import prepare, run_virtual
 from hil.run.progress import Quiet
@@ -116,11 +115,7 @@ def scenario_of(name: str, trajectory: Path | None) -> Scenario:
 @lru_cache(maxsize=8)
 def verification(name: str, trajectory: Path | None) -> Verification:
     """Return the verification of a scenario: the motion on which the tool's error is predicted."""
-    scenario = scenario_of(name, trajectory)
-    pis = {body: pi_of(report) for body, report in scenario.truth.items()}
-    robot = FloatingRobot(scenario.urdf, scenario.tool_frame, pis, scenario.unknown)
-    spline = JointSpline.load(scenario.verification)
-    return Verification(robot, lambda t: spline.evaluate(t)[:2], spline.duration_s)
+    return exact.verification(scenario_of(name, trajectory))
 
 
 @lru_cache(maxsize=8)
@@ -130,6 +125,6 @@ def _exact(
     scenario = scenario_of(name, trajectory)
     spline = JointSpline.load(scenario.identification)
     end_s = min(duration_s or spline.duration_s, spline.duration_s)
-    robot = true_robot(scenario)
+    robot = exact.true_robot(scenario)
     history = simulate_in(scenario.environment, robot, spline, 0.0, end_s + STEP_S, STEP_S)
     return history.at(np.arange(round(end_s * rate_hz)) / rate_hz)

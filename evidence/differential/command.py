@@ -17,8 +17,9 @@ import numpy as np
 
 from evidence import runner
 from evidence.methods.cases import NODES, RATE_HZ, SENSOR_SETS, WINDOW_S, scenario_of, truth_of
+from evidence.methods.exact import true_robot
 from evidence.methods.flight_side import write_config
-from evidence.methods.sensed import condition, declared, draws, sensed, with_noise
+from evidence.methods.sensed import condition, declared, draws, sensed, with_biases, with_noise
 from evidence.store import Row, Store
 from fsw.config import Config
 from fsw.config.robot import BodySigma
@@ -28,8 +29,6 @@ from hil.judge import chi_square
 from hil.judge.score import normalised_error_squared
 from hil.world.friction import JointFriction, draw_friction
 from hil.world.history import TruthState
-from hil.world.inertia import FloatArray
-from hil.world.robot import Body, Robot
 from hil.world.spline import JointSpline
 from hil.world.truth import simulate
 
@@ -79,18 +78,11 @@ def case(seed: int, folder: Path) -> tuple[Config, list[Block], list[Block]]:
 def _motion(*, loaded: bool) -> TruthState:
     """Return the true states of the identification motion, with or without the target."""
     scenario = scenario_of("target")
-    bodies = {name: _body_of(report) for name, report in scenario.truth.items()}
-    target = bodies["target"] if loaded else None
-    robot = Robot.load(scenario.urdf, scenario.tool_frame, bodies["base"], target)
+    known = {name: r for name, r in scenario.truth.items() if loaded or name != "target"}
+    robot = true_robot(replace(scenario, truth=known))
     times = np.arange(SAMPLES) / RATE_HZ
     spline = JointSpline.load(scenario.identification)
     return simulate(robot, spline, 0.0, times[-1] + 0.1, 0.5 / RATE_HZ).at(times)
-
-
-def _body_of(report: FloatArray) -> Body:
-    mass, cx, cy, cz, *inertia = (float(value) for value in report)
-    xx, xy, xz, yy, yz, zz = inertia
-    return Body(mass, (cx, cy, cz), (xx, xy, xz, yy, yz, zz))
 
 
 def _uncertain(right: Config, folder: Path, rng: np.random.Generator) -> Config:
@@ -127,18 +119,8 @@ def _recorded(
     state = _motion(loaded=loaded)
     n = state.q.shape[1]
     noisy = with_noise(sensed(state, right), SENSORS, draws(SAMPLES, n, rng, shared=False))
-    offsets = np.array([joint.torque_offset_sigma_nm for joint in right.joints])
-    return condition(
-        replace(
-            noisy,
-            tau_nm=noisy.tau_nm + friction.torque_nm(state.qd) + offsets * rng.standard_normal(n),
-            w_NS_S_rad_s=noisy.w_NS_S_rad_s
-            + right.imu.gyro_bias_sigma_rad_s * rng.standard_normal(3),
-            f_NS_S_m_s2=noisy.f_NS_S_m_s2 + right.imu.acc_bias_sigma_m_s2 * rng.standard_normal(3),
-        ),
-        config,
-        RATE_HZ,
-    )
+    rubbed = replace(noisy, tau_nm=noisy.tau_nm + friction.torque_nm(state.qd))
+    return condition(with_biases(rubbed, right, rng), config, RATE_HZ)
 
 
 def differential(seeds: Sequence[int], jobs: int, out: Path | None) -> dict[str, Any]:

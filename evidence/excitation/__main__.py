@@ -7,20 +7,15 @@ from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: one core
 
-import numpy as np
-from scipy.stats import chi2
-
 from evidence.excitation import cases
 from evidence.excitation.compare import Contest, contests
-from evidence.excitation.flown import flights
-from evidence.excitation.gradients import criterion_error, limits_error, race
-from evidence.excitation.replanned import Second, seconds
-from evidence.excitation.requests import INFEASIBLE, refusal, robust
+from evidence.excitation.gradients import criterion_error, limits_error
+from evidence.excitation.requests import INFEASIBLE, refusal
 from evidence.excitation.scatter import scatter
 from hil.options import count
 from planner import criteria, spline
 
-PARTS = ("gradients", "requests", "contests", "scatter", "race", "robust", "flown", "replanned")
+PARTS = ("gradients", "requests", "contests", "scatter")
 CRITERIA: tuple[criteria.Name, ...] = ("cond", "gamma", "sigma")
 
 
@@ -30,14 +25,6 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)}")
     parser.add_argument("--systems", nargs="+", choices=list(cases.SYSTEMS), default=cases.SYSTEMS)
     parser.add_argument("--runs", type=count, default=50)
-    parser.add_argument("--seeds", type=count, default=4, help="of the part replanned")
-    parser.add_argument(
-        "--outcomes",
-        nargs="+",
-        type=Path,
-        default=[],
-        help="of `hil seeds --out`, for the part flown",
-    )
     parser.add_argument("--folder", type=Path, default=Path("runs/excitation"))
     options = parser.parse_args(argv)
     parts = options.parts or PARTS
@@ -54,46 +41,7 @@ def main(argv: list[str] | None = None) -> int:
             _contests(system, options.folder)
         if "scatter" in parts:
             _scatter(system, options.folder, options.runs)
-    if "race" in parts:
-        _race()
-    if "robust" in parts:
-        limit, use = robust(1.4, 0.6, 8)
-        _say(f"robust: prior 1.4 x true, 8 bodies: in the truth {limit} at {use.ratio:.4f}")
-    if "flown" in parts:
-        for found in map(flights, options.outcomes):
-            low, high = found.sigma
-            _say(
-                f"{found.name}: {found.seeds} flights, published over predicted sigma {low:.3f} to "
-                f"{high:.3f}; whitened error {found.error:.3f} of the prediction "
-                "({:.3f} to {:.3f}, 95 %)".format(*found.interval)
-            )
-    if "replanned" in parts:
-        _replanned(options.seeds)
     return 0
-
-
-def _replanned(count: int) -> None:
-    found: dict[str, list[Second]] = {"nominal": [], "replanned": []}
-    for seed in range(count):
-        for name, second in seconds(seed).items():
-            found[name].append(second)
-            _say(
-                f"seed {seed}, {name}: {'valid' if second.valid else 'NOT VALID'}, sigma "
-                f"{_mean(second.predicted):.4g} predicted, {_mean(second.flown):.4g} flown "
-                f"(ratio {second.ratio:.3f}); NEES {second.nees:.1f} for {len(second.flown)}"
-            )
-    for name, all_of in found.items():
-        nees = sum(second.nees for second in all_of)
-        dof = sum(len(second.flown) for second in all_of)
-        low, high = (chi2.ppf(p, dof) for p in (0.025, 0.975))
-        _say(f"{name}: NEES {nees:.1f} of all, 95 % band {low:.1f} to {high:.1f}")
-    pairs = zip(found["replanned"], found["nominal"], strict=True)
-    shares = [_mean(one.flown) / _mean(other.flown) for one, other in pairs]
-    _say(f"sigma flown, replanned over nominal: {min(shares):.3f} to {max(shares):.3f}")
-
-
-def _mean(sigma: np.ndarray) -> float:
-    return float(np.exp(np.mean(np.log(sigma))))
 
 
 def _gradients() -> None:
@@ -143,15 +91,6 @@ def _scatter(system: str, folder: Path, runs: int) -> None:
         f"squares {found.chi_square.min():.1f} to {found.chi_square.max():.1f}, interval "
         f"{low:.1f} to {high:.1f}; outside: {found.outside or 'none'}; "
         f"not converged: {found.not_converged}"
-    )
-
-
-def _race() -> None:
-    found = race(cases.subject("target"), cases.DEFAULT.iterations)
-    _say(
-        f"exact gradients: {found.exact_value:.4f} in {found.exact_s:.1f} s; finite differences: "
-        f"{'reached' if found.reached else 'not reached'} after {found.numeric_s:.1f} s "
-        f"(best {found.numeric_value:.4f}), x {found.numeric_s / found.exact_s:.1f}"
     )
 
 

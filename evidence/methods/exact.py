@@ -5,8 +5,10 @@ from functools import lru_cache
 import numpy as np
 
 from evidence.methods.cases import DURATION_S, RATE_HZ, scenario_of
+from hil.judge.endeffector import Verification
+from hil.judge.floating import FloatingRobot
 from hil.world.history import TruthState
-from hil.world.inertia import FloatArray
+from hil.world.inertia import FloatArray, pi_of
 from hil.world.robot import Body, Robot
 from hil.world.scenario import Scenario
 from hil.world.spline import JointSpline
@@ -33,6 +35,14 @@ def true_robot(scenario: Scenario) -> Robot:
     return Robot.load(
         scenario.urdf, scenario.tool_frame, base, target, scenario.slosh, panels=scenario.panels
     )
+
+
+def verification(scenario: Scenario) -> Verification:
+    """Return the motion of a scenario on which the tool's error is predicted."""
+    pis = {body: pi_of(report) for body, report in scenario.truth.items()}
+    robot = FloatingRobot(scenario.urdf, scenario.tool_frame, pis, scenario.unknown)
+    spline = JointSpline.load(scenario.verification)
+    return Verification(robot, lambda t: spline.evaluate(t)[:2], spline.duration_s)
 
 
 def base_velocity(state: TruthState) -> FloatArray:

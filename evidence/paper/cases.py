@@ -1,6 +1,5 @@
 """Cases of the study of the paper: systems, orbits, noise, disturbances, seeds."""
 
-import copy
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -9,6 +8,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from evidence.methods.flight_side import without_biases
 from evidence.methods.sensed import ChannelNoise
 from hil.world.environment.config import EnvironmentSection
 from hil.world.inertia import FloatArray, pi_of
@@ -115,13 +115,9 @@ def scenario_of(orbit: str, system: str, acting: str) -> Scenario:
 
 def exact_sensors(scenario: Scenario, estimator: Mapping[str, Any]) -> Scenario:
     """Return the scenario without offsets and biases, and with other estimator settings."""
-    sensors: dict[str, Any] = copy.deepcopy(scenario.sensors)
-    sensors["joints"]["torque_offset_sigma_nm"] = 0.0
-    sensors["imu"]["gyro_bias_sigma_rad_s"] = 0.0
-    sensors["imu"]["acc_bias_sigma_m_s2"] = 0.0
     flight = dict(scenario.flight)
     flight["estimator"] = dict(flight["estimator"]) | dict(estimator)
-    return replace(scenario, sensors=sensors, flight=flight)
+    return replace(without_biases(scenario), flight=flight)
 
 
 def truth_of(scenario: Scenario) -> FloatArray:

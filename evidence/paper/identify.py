@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from evidence.methods import exact
 from evidence.methods.cases import WIDER
 from evidence.methods.flight_side import problem_of, write_config
 from evidence.paper.cases import PaperUnit, exact_sensors, noise_of, scenario_of, truth_of
@@ -22,10 +23,8 @@ from fsw.estimators.batch.solver import Target, linear_covariance, regress, solv
 from fsw.estimators.measurement.row_functions import Linearisation, row_function
 from fsw.estimators.model.problem import Problem
 from hil.judge.endeffector import Verification
-from hil.judge.floating import FloatingRobot
 from hil.judge.score import normalised_error_squared
-from hil.world.inertia import FloatArray, pi_of, report_of
-from hil.world.spline import JointSpline
+from hil.world.inertia import FloatArray, report_of
 
 WRENCH = {"external_force_sigma_n": 0.01, "external_torque_sigma_nm": 0.02}
 DRAWS = 200
@@ -92,9 +91,9 @@ def _mrnea(data: Conditioned, plain: Problem) -> BatchSolution:
 
 def _rda(data: Conditioned, plain: Problem) -> BatchSolution:
     """Solve eq. 27 with unweighted torque residuals and the motion as exact."""
-    exact = [replace(block, cov_gyro=np.zeros_like(block.cov_gyro)) for block in data.blocks]
+    rates = [replace(block, cov_gyro=np.zeros_like(block.cov_gyro)) for block in data.blocks]
     start = solve(plain, row_function("mrnea", "eiv", plain), data.blocks).mean
-    return solve(plain, row_function("rda", "eiv", plain), exact, start=start)
+    return solve(plain, row_function("rda", "eiv", plain), rates, start=start)
 
 
 def _cm(data: Conditioned, plain: Problem) -> BatchSolution:
@@ -152,8 +151,4 @@ def _spread(unit: PaperUnit, covariance: FloatArray, prefix: str) -> dict[str, f
 @lru_cache(maxsize=6)
 def verification(orbit: str, system: str) -> Verification:
     """Return the verification of a system: the motion on which the tool's error is predicted."""
-    scenario = scenario_of(orbit, system, "none")
-    pis = {body: pi_of(report) for body, report in scenario.truth.items()}
-    robot = FloatingRobot(scenario.urdf, scenario.tool_frame, pis, scenario.unknown)
-    spline = JointSpline.load(scenario.verification)
-    return Verification(robot, lambda t: spline.evaluate(t)[:2], spline.duration_s)
+    return exact.verification(scenario_of(orbit, system, "none"))

@@ -2,7 +2,6 @@
 
 from fsw.messages.commands import PLAN_BOUNDS
 from fsw.telemetry.dictionary.codes import (
-    FUNCTION,
     METHOD,
     MODE,
     TABLE,
@@ -10,18 +9,24 @@ from fsw.telemetry.dictionary.codes import (
     UNKNOWN,
     Function,
 )
-from fsw.telemetry.dictionary.events import EVENT
-from fsw.telemetry.dictionary.housekeeping import PATH_BYTES, SID
+from fsw.telemetry.dictionary.housekeeping import SID
 from fsw.telemetry.dictionary.parameters import PARAMETER
+from fsw.telemetry.dictionary.shapes import (
+    AN_EVENT,
+    MONITOR_ID,
+    ORIGIN,
+    PATH,
+    SOURCE,
+    function,
+    met,
+    telecommand,
+)
 from fsw.telemetry.dictionary.types import Enumeration, Field, Telecommand, Type
 
 MAX_INTERVAL_MS = 3_600_000
 MAX_REPEATS = 32  # most elements of a repeated group
 _SID = Field(name="sid", type=Type.U16, enumeration=SID)
-_EVENT = Field(name="event", type=Type.U16, enumeration=EVENT)
-_MONITOR = Field(name="monitor", type=Type.U16, minimum=1)
 _TABLE = Field(name="table", type=Type.U8, enumeration=TABLE)
-_PATH = Field(name="path", type=Type.TEXT, size=PATH_BYTES, doc="below the file directory")
 _ENTRIES = Field(name="entries", type=Type.U16, minimum=1, maximum=1000)
 _UNKNOWN = Field(name="unknown", type=Type.U8, enumeration=UNKNOWN)
 _COUNT = Field(name="count", type=Type.U8, minimum=1, maximum=MAX_REPEATS)
@@ -41,34 +46,9 @@ _IDLE = ("STANDBY", "IDENTIFY")
 _QUIET = ("SAFE", "STANDBY")
 
 
-def _tc(
-    service: int, subtype: int, name: str, doc: str, *arguments: Field, repeats: bool = False
-) -> Telecommand:
-    return Telecommand(
-        name=name, service=service, subtype=subtype, doc=doc, arguments=arguments, repeats=repeats
-    )
-
-
 def _each(service: int, subtype: int, name: str, doc: str, *element: Field) -> Telecommand:
     """Return a telecommand with the count N of the standard, followed by N elements."""
-    return _tc(service, subtype, name, doc, _N, *element, repeats=True)
-
-
-def _function(
-    function: Function, doc: str, *arguments: Field, modes: tuple[str, ...] = ()
-) -> Telecommand:
-    return Telecommand(
-        name=function.name,
-        service=8,
-        subtype=1,
-        doc=doc,
-        arguments=(
-            Field(name="function_id", type=Type.U16, enumeration=FUNCTION),
-            *arguments,
-        ),
-        match=(("function_id", int(function)),),
-        modes=modes,
-    )
+    return telecommand(service, subtype, name, doc, _N, *element, repeats=True)
 
 
 def _bounded(name: str, kind: Type, unit: str, doc: str) -> Field:
@@ -90,52 +70,46 @@ _SERVICES = (
         Field(name="interval_ms", type=Type.U32, unit="ms", minimum=10, maximum=MAX_INTERVAL_MS),
     ),
     _each(3, 33, "REPORT_SET_PROPERTIES", "Tell how a set is reported", _SID),
-    _each(5, 5, "ENABLE_EVENT", "Report an event", _EVENT),
-    _each(5, 6, "DISABLE_EVENT", "Do not report an event; it is still logged and counted", _EVENT),
-    _tc(5, 7, "REPORT_DISABLED_EVENTS", "Tell which events are not reported"),
-    _tc(
+    _each(5, 5, "ENABLE_EVENT", "Report an event", AN_EVENT),
+    _each(
+        5, 6, "DISABLE_EVENT", "Do not report an event; it is still logged and counted", AN_EVENT
+    ),
+    telecommand(5, 7, "REPORT_DISABLED_EVENTS", "Tell which events are not reported"),
+    telecommand(
         9,
         1,
         "SET_TIME_REPORT_RATE",
         "A time packet every 2^exponent s",
         Field(name="exponent", type=Type.U8, minimum=0, maximum=8),
     ),
-    _tc(11, 1, "ENABLE_SCHEDULE", "Release time-tagged commands"),
-    _tc(11, 2, "DISABLE_SCHEDULE", "Do not release them; those that come due are discarded"),
-    _tc(11, 3, "RESET_SCHEDULE", "Discard all time-tagged commands"),
+    telecommand(11, 1, "ENABLE_SCHEDULE", "Release time-tagged commands"),
+    telecommand(
+        11, 2, "DISABLE_SCHEDULE", "Do not release them; those that come due are discarded"
+    ),
+    telecommand(11, 3, "RESET_SCHEDULE", "Discard all time-tagged commands"),
     _each(
         11,
         4,
         "INSERT_ACTIVITY",
         "Keep telecommands for a mission elapsed time",
-        Field(name="release_p_field", type=Type.U8, minimum=0x2F, maximum=0x2F),
-        Field(name="release_coarse_s", type=Type.U32, unit="s"),
-        Field(name="release_fine", type=Type.U24, doc="2^-24 s"),
+        *met("release"),
         Field(
             name="telecommand",
             type=Type.BYTES,
             doc="a whole packet with its CRC; its header states its length",
         ),
     ),
-    _each(
-        11,
-        5,
-        "DELETE_ACTIVITY",
-        "Discard time-tagged commands",
-        Field(name="source_id", type=Type.U16, doc="of the telecommand"),
-        Field(name="apid", type=Type.U16, maximum=0x7FF),
-        Field(name="sequence_count", type=Type.U16, maximum=0x3FFF),
-    ),
-    _tc(11, 17, "REPORT_SCHEDULE", "Tell what waits"),
-    _each(12, 1, "ENABLE_MONITOR", "Check a monitor", _MONITOR),
-    _each(12, 2, "DISABLE_MONITOR", "Do not check a monitor", _MONITOR),
-    _each(12, 8, "REPORT_MONITOR", "Tell a monitor's definition", _MONITOR),
-    _tc(12, 13, "REPORT_MONITOR_STATUS", "Tell the status of all monitors"),
-    _tc(12, 15, "ENABLE_MONITORING", "Check monitors at all"),
-    _tc(12, 16, "DISABLE_MONITORING", "Check none"),
-    _tc(17, 1, "PING", "Answer with 17,2"),
-    _tc(20, 1, "REPORT_PARAMETERS", "Tell values of parameters", _COUNT, _ID, repeats=True),
-    _tc(
+    _each(11, 5, "DELETE_ACTIVITY", "Discard time-tagged commands", SOURCE, *ORIGIN),
+    telecommand(11, 17, "REPORT_SCHEDULE", "Tell what waits"),
+    _each(12, 1, "ENABLE_MONITOR", "Check a monitor", MONITOR_ID),
+    _each(12, 2, "DISABLE_MONITOR", "Do not check a monitor", MONITOR_ID),
+    _each(12, 8, "REPORT_MONITOR", "Tell a monitor's definition", MONITOR_ID),
+    telecommand(12, 13, "REPORT_MONITOR_STATUS", "Tell the status of all monitors"),
+    telecommand(12, 15, "ENABLE_MONITORING", "Check monitors at all"),
+    telecommand(12, 16, "DISABLE_MONITORING", "Check none"),
+    telecommand(17, 1, "PING", "Answer with 17,2"),
+    telecommand(20, 1, "REPORT_PARAMETERS", "Tell values of parameters", _COUNT, _ID, repeats=True),
+    telecommand(
         20,
         3,
         "SET_PARAMETERS",
@@ -148,52 +122,48 @@ _SERVICES = (
 )
 
 _FUNCTIONS = (
-    _function(
+    function(
         Function.SET_MODE,
         "Go to a mode",
         Field(name="mode", type=Type.U8, enumeration=_COMMANDED_MODE),
     ),
-    _function(Function.RESET_COUNTERS, "Command, event and link counters to zero"),
-    _function(
+    function(Function.RESET_COUNTERS, "Command, event and link counters to zero"),
+    function(
         Function.CLEAR_HEALTH,
         "Clear latched bits of the health word",
         Field(name="mask", type=Type.U32, doc="bits to clear; 0xFFFFFFFF: all"),
     ),
-    _function(Function.REPORT_VERSION, "Tell package, commit and CRCs"),
-    _function(
+    function(Function.REPORT_VERSION, "Tell package, commit and CRCs"),
+    function(
         Function.RESTART,
         "End and start again; the key guards against accidents",
         Field(name="key", type=Type.U16, minimum=0xB007, maximum=0xB007),
         modes=_QUIET,
     ),
-    _function(
-        Function.EVENT_LOG_DUMP,
-        "Report the newest entries of the event log",
-        _ENTRIES,
-    ),
-    _function(
+    function(Function.EVENT_LOG_DUMP, "Report the newest entries of the event log", _ENTRIES),
+    function(
         Function.SECURITY_LOG_DUMP,
         "Report the newest entries of the security log: connections and refusals",
         _ENTRIES,
     ),
-    _function(
+    function(
         Function.COMMAND_LOG_DUMP,
         "Report the newest entries of the command log: who sent what, when, and its outcome",
         _ENTRIES,
     ),
-    _function(
+    function(
         Function.START_IDENTIFICATION,
         "Identify these bodies, from the prior",
         _UNKNOWN,
         modes=_IDLE,
     ),
-    _function(Function.STOP_IDENTIFICATION, "Rest; the last estimate stays", modes=_RUNNING),
-    _function(Function.RESET_ESTIMATOR, "Back to the prior", modes=_RUNNING),
-    _function(Function.SETTLE_ESTIMATOR, "Settle completely and publish", modes=_RUNNING),
-    _function(Function.REPORT_DIAGNOSIS, "Diagnose the estimate"),
-    _function(Function.SAVE_STATE, "Save the estimator's state now"),
-    _function(Function.RESTORE_STATE, "Go back to the newest saved state", modes=_IDLE),
-    _function(
+    function(Function.STOP_IDENTIFICATION, "Rest; the last estimate stays", modes=_RUNNING),
+    function(Function.RESET_ESTIMATOR, "Back to the prior", modes=_RUNNING),
+    function(Function.SETTLE_ESTIMATOR, "Settle completely and publish", modes=_RUNNING),
+    function(Function.REPORT_DIAGNOSIS, "Diagnose the estimate"),
+    function(Function.SAVE_STATE, "Save the estimator's state now"),
+    function(Function.RESTORE_STATE, "Go back to the newest saved state", modes=_IDLE),
+    function(
         Function.RUN_BATCH,
         "Run a batch method on stored windows",
         Field(name="method", type=Type.U8, enumeration=_METHOD),
@@ -208,7 +178,7 @@ _FUNCTIONS = (
         ),
         modes=_RUNNING,
     ),  # rejected as BUSY while a job runs
-    _function(
+    function(
         Function.RUN_PLAN,
         "Plan the next motion from the present estimate, within excitation.limits",
         _bounded("duration_s", Type.F32, "s", "of the motion"),
@@ -216,50 +186,50 @@ _FUNCTIONS = (
         _bounded("seed", Type.U16, "", "of the search; the same seed gives the same motion"),
         modes=_RUNNING,
     ),  # rejected as BUSY while a job runs
-    _function(Function.ABORT_BATCH, "End the batch job"),
-    _function(
+    function(Function.ABORT_BATCH, "End the batch job"),
+    function(
         Function.ADOPT_RESULT, "Make the batch result the online estimator's prior", modes=_RUNNING
     ),
-    _function(
+    function(
         Function.TBL_LOAD,
         "Begin to load a table",
         _TABLE,
         Field(name="size_bytes", type=Type.U32, unit="B", minimum=1, maximum=1 << 20),
         Field(name="crc32", type=Type.U32),
     ),
-    _function(
+    function(
         Function.TBL_DATA,
         "A piece of the table that is being loaded",
         _TABLE,
         Field(name="offset", type=Type.U32, unit="B"),
         Field(name="data", type=Type.BYTES),
     ),
-    _function(
+    function(
         Function.TBL_LOAD_FILE,
         "Load a table from a file that came up",
         _TABLE,
         Field(name="crc32", type=Type.U32),
-        _PATH,
+        PATH,
     ),
-    _function(Function.TBL_VALIDATE, "Check the staged table", _TABLE),
-    _function(
+    function(Function.TBL_VALIDATE, "Check the staged table", _TABLE),
+    function(
         Function.TBL_ACTIVATE,
         "Use the validated table from the next tick on",
         _TABLE,
         Field(name="crc32", type=Type.U32, doc="of the table meant"),
         modes=_QUIET,
     ),
-    _function(
+    function(
         Function.TBL_DUMP,
         "Write a table to a file",
         _TABLE,
         Field(name="copy", type=Type.U8, enumeration=TABLE_COPY),
     ),
-    _function(Function.TBL_ABORT, "Drop the staged table", _TABLE),
-    _function(Function.TBL_ROLLBACK, "Use the table before this one again", _TABLE, modes=_QUIET),
-    _function(Function.REC_START, "Begin a recording"),
-    _function(Function.REC_STOP, "Close the recording"),
-    _function(Function.LOAD_KEYS, "Read the key files of the link again and use them"),
+    function(Function.TBL_ABORT, "Drop the staged table", _TABLE),
+    function(Function.TBL_ROLLBACK, "Use the table before this one again", _TABLE, modes=_QUIET),
+    function(Function.REC_START, "Begin a recording"),
+    function(Function.REC_STOP, "Close the recording"),
+    function(Function.LOAD_KEYS, "Read the key files of the link again and use them"),
 )
 
 TELECOMMANDS = (*_SERVICES, *_FUNCTIONS)

@@ -1,16 +1,10 @@
 """Service 23, with functions and reports of file transfer that are not in the standard."""
 
-from fsw.telemetry.dictionary.codes import (
-    APID_ESTIMATOR,
-    FILE_KIND,
-    FUNCTION,
-    TRANSFER_STATE,
-    YES_NO,
-    Function,
-)
+from fsw.telemetry.dictionary.codes import FILE_KIND, TRANSFER_STATE, YES_NO, Function
 from fsw.telemetry.dictionary.fields import choice, number, text
 from fsw.telemetry.dictionary.housekeeping import PATH_BYTES
-from fsw.telemetry.dictionary.types import Field, Packet, Telecommand, Type
+from fsw.telemetry.dictionary.shapes import function, report, telecommand
+from fsw.telemetry.dictionary.types import Field, Type
 
 PAGE_ENTRIES = 64  # most reports for one LIST_FILES
 NAME_BYTES = 40
@@ -25,35 +19,14 @@ _TRANSFER = (
 )
 
 
-def _tc(subtype: int, name: str, doc: str, *arguments: Field) -> Telecommand:
-    return Telecommand(name=name, service=23, subtype=subtype, doc=doc, arguments=arguments)
-
-
-def _function(function: Function, doc: str, *arguments: Field) -> Telecommand:
-    number_field = Field(name="function_id", type=Type.U16, enumeration=FUNCTION)
-    return Telecommand(
-        name=function.name,
-        service=8,
-        subtype=1,
-        doc=doc,
-        arguments=(number_field, *arguments),
-        match=(("function_id", int(function)),),
-    )
-
-
-def _report(subtype: int, name: str, doc: str, *fields: Field) -> Packet:
-    return Packet(
-        name=name, apid=APID_ESTIMATOR, service=23, subtype=subtype, doc=doc, fields=fields
-    )
-
-
 FILE_TELECOMMANDS = (
-    _tc(2, "DELETE_FILE", "Remove a file", _PATH),
-    _tc(3, "REPORT_FILE_ATTRIBUTES", "Report size, date and CRC of a file", _PATH),
-    _tc(9, "CREATE_DIRECTORY", "Create a folder", _PATH),
-    _tc(10, "DELETE_DIRECTORY", "Remove an empty folder", _PATH),
-    _tc(11, "RENAME_DIRECTORY", "Rename a folder", _PATH, _TARGET),
-    _tc(
+    telecommand(23, 2, "DELETE_FILE", "Remove a file", _PATH),
+    telecommand(23, 3, "REPORT_FILE_ATTRIBUTES", "Report size, date and CRC of a file", _PATH),
+    telecommand(23, 9, "CREATE_DIRECTORY", "Create a folder", _PATH),
+    telecommand(23, 10, "DELETE_DIRECTORY", "Remove an empty folder", _PATH),
+    telecommand(23, 11, "RENAME_DIRECTORY", "Rename a folder", _PATH, _TARGET),
+    telecommand(
+        23,
         12,
         "LIST_FILES",
         f"Report {PAGE_ENTRIES} entries of a folder, by name",
@@ -65,12 +38,14 @@ FILE_TELECOMMANDS = (
             doc=f"first entry to report: 1, then {PAGE_ENTRIES + 1} and so on",
         ),
     ),
-    _tc(14, "COPY_FILE", "Copy a file below the file directory", _PATH, _TARGET),
-    _tc(15, "MOVE_FILE", "Move or rename a file; the target must not exist", _PATH, _TARGET),
-    _tc(16, "SUSPEND_TRANSFER", "Let a file transfer rest", *_TRANSFER),
-    _tc(17, "RESUME_TRANSFER", "Continue a suspended file transfer", *_TRANSFER),
-    _tc(20, "ABORT_TRANSFER", "Cancel a file transfer, at both ends", *_TRANSFER),
-    _function(
+    telecommand(23, 14, "COPY_FILE", "Copy a file below the file directory", _PATH, _TARGET),
+    telecommand(
+        23, 15, "MOVE_FILE", "Move or rename a file; the target must not exist", _PATH, _TARGET
+    ),
+    telecommand(23, 16, "SUSPEND_TRANSFER", "Let a file transfer rest", *_TRANSFER),
+    telecommand(23, 17, "RESUME_TRANSFER", "Continue a suspended file transfer", *_TRANSFER),
+    telecommand(23, 20, "ABORT_TRANSFER", "Cancel a file transfer, at both ends", *_TRANSFER),
+    function(
         Function.DOWNLINK_FILE,
         "Send a file down by CFDP",
         _PATH,
@@ -81,7 +56,7 @@ FILE_TELECOMMANDS = (
             doc="remove it here once it has arrived",
         ),
     ),
-    _function(
+    function(
         Function.DOWNLINK_PIECE,
         "Send a piece of a file down by CFDP",
         _PATH,
@@ -89,7 +64,7 @@ FILE_TELECOMMANDS = (
         Field(name="size_bytes", type=Type.U32, unit="B", maximum=MAX_PIECE_BYTES),
         Field(name="name", type=Type.TEXT, size=NAME_BYTES, doc="of the piece on the ground"),
     ),
-    _function(
+    function(
         Function.APPEND_FILE,
         "Append a file to another one and remove it",
         _PATH,
@@ -102,12 +77,13 @@ FILE_TELECOMMANDS = (
             doc="size of the target before; 0: it may be missing",
         ),
     ),
-    _function(Function.REPORT_TRANSFERS, "Report the file transfers that are not over"),
-    _function(Function.REPORT_FREE_SPACE, "Report the space of each folder"),
+    function(Function.REPORT_TRANSFERS, "Report the file transfers that are not over"),
+    function(Function.REPORT_FREE_SPACE, "Report the space of each folder"),
 )
 
 FILE_REPORTS = (
-    _report(
+    report(
+        23,
         4,
         "file_attributes",
         "Attributes of a file",
@@ -116,7 +92,8 @@ FILE_REPORTS = (
         number("modified_s", Type.F64, "s", "Unix time"),
         number("crc32", Type.U32),
     ),
-    _report(
+    report(
+        23,
         13,
         "file_entry",
         "One entry of a folder",
@@ -126,7 +103,8 @@ FILE_REPORTS = (
         text("path", PATH_BYTES),
         number("size_bytes", Type.U64, "B"),
     ),
-    _report(
+    report(
+        23,
         23,
         "transfer_status",
         "One file transfer that is not over",
@@ -139,7 +117,8 @@ FILE_REPORTS = (
         number("done_bytes", Type.U64, "B"),
         choice("state", TRANSFER_STATE),
     ),
-    _report(
+    report(
+        23,
         130,
         "file_space",
         "Space of the disk that holds a folder",

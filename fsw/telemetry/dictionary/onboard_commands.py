@@ -7,9 +7,9 @@ telecommand names one object, so that each object has its own acceptance and com
 from dataclasses import replace
 
 from fsw.telemetry.dictionary.codes import MEMORY, MONITOR_ACTION, STORE
-from fsw.telemetry.dictionary.events import EVENT
 from fsw.telemetry.dictionary.housekeeping import PATH_BYTES
 from fsw.telemetry.dictionary.parameters import VALUE
+from fsw.telemetry.dictionary.shapes import AN_EVENT, MONITOR_ID, ORIGIN, PATH, met, telecommand
 from fsw.telemetry.dictionary.types import Field, Significance, Telecommand, Type
 
 MAX_REQUEST_BYTES = 256  # most bytes of a telecommand that is stored on board
@@ -19,11 +19,8 @@ DAY_S = 86_400
 
 N = Field(name="n", type=Type.U8, minimum=1, maximum=1, doc="number of objects: 1")
 _STORE = Field(name="store", type=Type.U8, enumeration=STORE)
-_EVENT = Field(name="event", type=Type.U16, enumeration=EVENT)
 _APID = Field(name="apid", type=Type.U16, minimum=100, maximum=100)
 _SEQUENCE = Field(name="sequence", type=Type.U8, minimum=1, maximum=MAX_SEQUENCES)
-_MONITOR = Field(name="monitor", type=Type.U16, minimum=1)
-_PATH = Field(name="path", type=Type.TEXT, size=PATH_BYTES, doc="below the file directory")
 _REQUEST = Field(
     name="request",
     type=Type.BYTES,
@@ -31,8 +28,7 @@ _REQUEST = Field(
 )
 _REQUEST_ID = (
     Field(name="source_id", type=Type.U16, doc="source id of the telecommand"),
-    Field(name="apid", type=Type.U16, maximum=0x7FF),
-    Field(name="sequence_count", type=Type.U16, maximum=0x3FFF),
+    *ORIGIN,
 )
 _OFFSET = (
     Field(
@@ -46,7 +42,7 @@ _OFFSET = (
     Field(name="offset_fine", type=Type.U24, doc="2^-24 s"),
 )
 _MONITOR_DEFINITION = (
-    _MONITOR,
+    MONITOR_ID,
     Field(name="value", type=Type.U16, enumeration=VALUE),
     Field(name="repetitions", type=Type.U16, minimum=1, maximum=1000),
     Field(name="low", type=Type.F64, doc=f"{-LARGEST!r}: no lower limit"),
@@ -63,21 +59,10 @@ _MONITOR_DEFINITION = (
 )
 
 
-def _time(name: str) -> tuple[Field, ...]:
-    """Return the argument fields of a mission elapsed time, as CUC 4+3 with P-field."""
-    return (
-        Field(name=f"{name}_p_field", type=Type.U8, minimum=0x2F, maximum=0x2F),
-        Field(name=f"{name}_coarse_s", type=Type.U32, unit="s"),
-        Field(name=f"{name}_fine", type=Type.U24, doc="2^-24 s"),
-    )
-
-
 def _tc(service: int, subtype: int, name: str, doc: str, *arguments: Field) -> Telecommand:
     """Return a telecommand; its argument N, if it has one, is fixed to 1."""
     match = (("n", 1),) if N in arguments else ()
-    return Telecommand(
-        name=name, service=service, subtype=subtype, doc=doc, arguments=arguments, match=match
-    )
+    return replace(telecommand(service, subtype, name, doc, *arguments), match=match)
 
 
 _MEMORY = (
@@ -122,7 +107,7 @@ _MONITORS = (
         N,
         *_MONITOR_DEFINITION,
     ),
-    _tc(12, 6, "DELETE_MONITOR", "Remove a monitor that is disabled", N, _MONITOR),
+    _tc(12, 6, "DELETE_MONITOR", "Remove a monitor that is disabled", N, MONITOR_ID),
     _tc(
         12,
         7,
@@ -143,15 +128,15 @@ _PACKET_STORES = (
         "Send the stored packets of a time range again, as they were",
         N,
         _STORE,
-        *_time("from"),
-        *_time("to"),
+        *met("from"),
+        *met("to"),
     ),
     _tc(
         15,
         11,
         "DELETE_STORED",
         "Delete stored packets up to a time, whole segments only",
-        *_time("until"),
+        *met("until"),
         N,
         _STORE,
     ),
@@ -168,17 +153,17 @@ _EVENT_ACTIONS = (
         "Keep a telecommand that an event releases; it is disabled at first",
         N,
         _APID,
-        _EVENT,
+        AN_EVENT,
         _REQUEST,
     ),
-    _tc(19, 2, "DELETE_EVENT_ACTION", "Remove an event's action", N, _APID, _EVENT),
+    _tc(19, 2, "DELETE_EVENT_ACTION", "Remove an event's action", N, _APID, AN_EVENT),
     _tc(19, 3, "DELETE_EVENT_ACTIONS", "Remove all actions of events"),
-    _tc(19, 4, "ENABLE_EVENT_ACTION", "Let an event release its action", N, _APID, _EVENT),
-    _tc(19, 5, "DISABLE_EVENT_ACTION", "Let an event release nothing", N, _APID, _EVENT),
+    _tc(19, 4, "ENABLE_EVENT_ACTION", "Let an event release its action", N, _APID, AN_EVENT),
+    _tc(19, 5, "DISABLE_EVENT_ACTION", "Let an event release nothing", N, _APID, AN_EVENT),
     _tc(19, 6, "REPORT_EVENT_ACTION_STATUS", "Report the status of every event's action"),
     _tc(19, 8, "ENABLE_EVENT_ACTIONS", "Let events release actions at all"),
     _tc(19, 9, "DISABLE_EVENT_ACTIONS", "Let no event release an action"),
-    _tc(19, 10, "REPORT_EVENT_ACTION", "Report an event's action itself", N, _APID, _EVENT),
+    _tc(19, 10, "REPORT_EVENT_ACTION", "Report an event's action itself", N, _APID, AN_EVENT),
 )
 
 _SEQUENCES = (
@@ -194,7 +179,7 @@ _SEQUENCES = (
             doc="each a whole telecommand packet with its CRC, then the delay after it u32 [ms]",
         ),
     ),
-    _tc(21, 2, "LOAD_SEQUENCE_FILE", "Keep a sequence from a file", _SEQUENCE, _PATH),
+    _tc(21, 2, "LOAD_SEQUENCE_FILE", "Keep a sequence from a file", _SEQUENCE, PATH),
     _tc(21, 3, "UNLOAD_SEQUENCE", "Remove a sequence that does not execute", _SEQUENCE),
     _tc(21, 4, "START_SEQUENCE", "Release the telecommands of a sequence", _SEQUENCE),
     _tc(21, 5, "ABORT_SEQUENCE", "Release no more of a sequence", _SEQUENCE),

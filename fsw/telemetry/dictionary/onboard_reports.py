@@ -5,34 +5,26 @@ Stored telecommands are hexadecimal text: packets have a fixed size, and readers
 """
 
 from fsw.telemetry.dictionary.codes import (
-    APID_ESTIMATOR,
     ENTRY_STATUS,
     MEMORY,
     SEQUENCE_STATUS,
     STORE,
     YES_NO,
 )
-from fsw.telemetry.dictionary.events import EVENT
 from fsw.telemetry.dictionary.fields import choice, number, text
 from fsw.telemetry.dictionary.housekeeping import PATH_BYTES
 from fsw.telemetry.dictionary.onboard_commands import MAX_REQUEST_BYTES
-from fsw.telemetry.dictionary.types import Field, Packet, Type
+from fsw.telemetry.dictionary.shapes import AN_EVENT, report
+from fsw.telemetry.dictionary.types import Type
 
 _N = number("n", Type.U8, doc="1; 0: there is none")
 _HEX = text("request_hex", 2 * MAX_REQUEST_BYTES + 1, "the telecommand packet, hexadecimal")
-_EVENT = Field(name="event", type=Type.U16, enumeration=EVENT)
 _APID = number("apid", Type.U16)
 _TIME = "mission elapsed time"
 
 
-def _report(service: int, subtype: int, name: str, doc: str, *fields: Field) -> Packet:
-    return Packet(
-        name=name, apid=APID_ESTIMATOR, service=service, subtype=subtype, doc=doc, fields=fields
-    )
-
-
 ONBOARD_REPORTS = (
-    _report(
+    report(
         6,
         8,
         "object_checked",
@@ -44,7 +36,7 @@ ONBOARD_REPORTS = (
         number("length", Type.U32, "B", "of what was checked"),
         number("crc32", Type.U32, doc="CRC-32 of ISO 3309, as of tables and file delivery"),
     ),
-    _report(
+    report(
         11,
         10,
         "schedule_detail",
@@ -53,7 +45,7 @@ ONBOARD_REPORTS = (
         number("release_time_s", Type.F64, "s", _TIME),
         _HEX,
     ),
-    _report(
+    report(
         15,
         13,
         "store_content",
@@ -66,7 +58,7 @@ ONBOARD_REPORTS = (
         number("stored_bytes", Type.U64, "B"),
         number("size_bytes", Type.U64, "B"),
     ),
-    _report(
+    report(
         15,
         19,
         "store_status",
@@ -77,30 +69,30 @@ ONBOARD_REPORTS = (
         choice("playing_back", YES_NO, "a retrieval by time range is under way"),
         number("failed", Type.U32, doc="packets that could not be stored"),
     ),
-    _report(
+    report(
         19,
         7,
         "event_action_status",
         "Status of the action of one event",
         _N,
         _APID,
-        _EVENT,
+        AN_EVENT,
         choice("enabled", ENTRY_STATUS),
         choice("function_enabled", ENTRY_STATUS, "whether events release actions at all"),
         number("released", Type.U32, doc="times since the daemon started"),
     ),
-    _report(
+    report(
         19,
         11,
         "event_action",
         "The action of one event",
         _N,
         _APID,
-        _EVENT,
+        AN_EVENT,
         choice("enabled", ENTRY_STATUS),
         _HEX,
     ),
-    _report(
+    report(
         21,
         7,
         "sequence_status",
@@ -111,7 +103,7 @@ ONBOARD_REPORTS = (
         number("released", Type.U8, doc="entries of this execution, or of the last one"),
         number("entries", Type.U8),
     ),
-    _report(
+    report(
         21,
         10,
         "sequence_checked",
@@ -120,7 +112,7 @@ ONBOARD_REPORTS = (
         number("crc32", Type.U32, doc="over its entries as they were loaded"),
         number("size_bytes", Type.U32, "B"),
     ),
-    _report(
+    report(
         21,
         12,
         "sequence_entry",
@@ -131,7 +123,7 @@ ONBOARD_REPORTS = (
         number("delay_ms", Type.U32, "ms", "after this telecommand"),
         _HEX,
     ),
-    _report(
+    report(
         21,
         14,
         "sequence_aborted",

@@ -1,11 +1,10 @@
 """The planner's evidence in short: the code of `python -m evidence.excitation`, less of it."""
 
-import numpy as np
 import pytest
 
 from evidence.excitation import cases
 from evidence.excitation.compare import contests
-from evidence.excitation.gradients import criterion_error, limits_error, race
+from evidence.excitation.gradients import criterion_error, limits_error
 from evidence.excitation.requests import INFEASIBLE, refusal
 from evidence.excitation.scatter import scatter
 from planner.request import MotionRequest
@@ -44,11 +43,3 @@ def test_an_impossible_request_is_refused(name):
     error = refusal(INFEASIBLE[name])
     assert error is not None
     assert error.uses[0].excess > 0
-
-
-def test_finite_differences_lead_the_same_way():
-    """How much slower they are is a figure of the evidence, not of a test."""
-    found = race(cases.subject("target"), 1)
-    assert np.isfinite(found.exact_value)
-    assert found.numeric_value == pytest.approx(found.exact_value, abs=1e-2)
-    assert min(found.exact_s, found.numeric_s) > 0.0
