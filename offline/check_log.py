@@ -7,9 +7,9 @@ from tempfile import TemporaryDirectory
 
 from fsw.config import Config
 from fsw.config.text import kind_of
-from fsw.drivers.ports.can_log import read_can_log
 from fsw.errors import ConfigError
 from fsw.exchange.sinks import CanTraffic
+from offline.can_logs.reading import read_can_log
 from offline.checks.wiring import Wires
 from offline.importing import write
 from offline.importing.captures import can_capture

@@ -14,13 +14,13 @@ import numpy as np
 from fsw.config import Config
 from fsw.drivers.codecs.canopen import COB_SYNC, COB_TPDO1, NODE_MASK
 from fsw.drivers.layout.joints import layouts_of
-from fsw.drivers.ports.can_log import read_can_log
 from fsw.drivers.wire import ByteChunk, FrameArray
 from fsw.errors import ConfigError, brief
 from fsw.exchange.recording import END_NS
 from fsw.exchange.recording_writer import RecordingWriter
 from fsw.exchange.sinks import IMU, CanTraffic, SerialTraffic
 from fsw.messages import IntArray
+from offline.can_logs.reading import read_can_log
 from offline.importing.clock import (
     refuse_differences,
     refuse_disorder,

@@ -14,11 +14,11 @@ import yaml
 
 from fsw.drivers.codecs.canopen import COB_SYNC, COB_TPDO1, NODE_MASK
 from fsw.drivers.codecs.imu_datagram import STANDARD_GRAVITY_M_S2
-from fsw.drivers.ports.can_log import read_can_log
 from fsw.drivers.wire import EFF_MASK, FrameArray
 from fsw.errors import ConfigError, cut
 from fsw.estimators.model.robot import RobotModel
 from fsw.messages import FloatArray
+from offline.can_logs.reading import read_can_log
 from offline.checks.wiring import frame_rate_hz
 from offline.importing.tables import ISO, Table
 from offline.init.columns import (

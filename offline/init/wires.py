@@ -11,10 +11,10 @@ from fsw.checks.robot import MOST_EFFORT_NM
 from fsw.drivers.codecs.canopen import COB_SYNC, NODE_MASK
 from fsw.drivers.layout.files import read_messages
 from fsw.drivers.layout.signals import Message, Signal, faults
-from fsw.drivers.ports.can_log import read_can_log
 from fsw.drivers.wire import NO_FRAMES, FrameArray
 from fsw.errors import ConfigError, cut
 from fsw.estimators.model.robot import RobotModel
+from offline.can_logs.reading import read_can_log
 from offline.checks.wiring import LEAST_FRAMES, frame_rate_hz, frames_of
 from offline.init.columns import gaps, joint_groups
 from offline.init.nodes import nodes_of

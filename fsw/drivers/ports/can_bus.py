@@ -14,17 +14,21 @@ from numpy.typing import NDArray
 from fsw.clock import Clock
 from fsw.config import BusConfig
 from fsw.drivers.ports import linux_can
-from fsw.drivers.ports.can_log import message_row
 from fsw.drivers.ports.packed_frames import PACKED_BYTES, Unpacker, packed
 from fsw.drivers.ports.stamps import KernelStamps
 from fsw.drivers.ports.system_words import of_system
 from fsw.drivers.wire import (
+    EFF_FLAG,
+    ERR_FLAG,
     NO_FRAMES,
+    RTR_FLAG,
     CanFrame,
     FrameArray,
     FramePort,
+    flags_of,
     frames_from,
     joined,
+    row_of,
     rows_of,
 )
 from fsw.errors import PortError
@@ -37,6 +41,15 @@ UDP_FRAMES = "udp_frames"  # datagrams hold struct can_frame: replaces SocketCAN
 NO_CAN = "this kernel has no CAN (SocketCAN); modprobe can_raw, or another interface"
 _Stamped = tuple[linux_can.Received, NDArray[np.int64]]  # datagrams, and the time of each
 LOCAL_HOP_LIMIT = 0  # udp_multicast stays on this machine
+
+
+def message_row(t_ns: int, message: can.Message) -> bytes:
+    """Return a python-can message as the bytes of one `FRAME`."""
+    word = message.arbitration_id
+    word |= EFF_FLAG * message.is_extended_id | RTR_FLAG * message.is_remote_frame
+    word |= ERR_FLAG * message.is_error_frame
+    flags = flags_of(is_fd=message.is_fd, bitrate_switch=message.bitrate_switch)
+    return row_of(t_ns, word, bytes(message.data), flags)
 
 
 def open_can(bus: BusConfig, clock: Clock) -> FramePort:

@@ -13,8 +13,8 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from fsw.drivers.ports.can_log import read_can_log
 from fsw.errors import ConfigError
+from offline.can_logs.reading import read_can_log
 from offline.importing.bags import bag_columns
 from offline.importing.captures import serial_capture
 from offline.importing.csv_file import csv_columns

@@ -10,18 +10,10 @@ from pathlib import Path
 
 import can
 
-from fsw.drivers.ports.can_text import BINARY, TextLog, text_log
-from fsw.drivers.wire import (
-    EFF_FLAG,
-    ERR_FLAG,
-    MAX_DATA_BYTES,
-    RTR_FLAG,
-    FrameArray,
-    flags_of,
-    row_of,
-    rows_of,
-)
+from fsw.drivers.ports.can_bus import message_row
+from fsw.drivers.wire import MAX_DATA_BYTES, FrameArray, rows_of
 from fsw.errors import ConfigError, brief, unforeseen
+from offline.can_logs.text import BINARY, TextLog, text_log
 
 MICROSECOND_NS = 1000  # resolution of a float of seconds since 1970, and of these logs
 END_S = 2.0**33  # a stamp from here on is invalid
@@ -59,15 +51,6 @@ class CanLog:
 
     frames: FrameArray  # in the log's order, with the log's stamps
     notes: Sequence[str]
-
-
-def message_row(t_ns: int, message: can.Message) -> bytes:
-    """Return a python-can message as the bytes of one `FRAME`."""
-    word = message.arbitration_id
-    word |= EFF_FLAG * message.is_extended_id | RTR_FLAG * message.is_remote_frame
-    word |= ERR_FLAG * message.is_error_frame
-    flags = flags_of(is_fd=message.is_fd, bitrate_switch=message.bitrate_switch)
-    return row_of(t_ns, word, bytes(message.data), flags)
 
 
 def read_can_log(path: Path, channel: str | None = None) -> CanLog:

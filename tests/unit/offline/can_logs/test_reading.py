@@ -7,9 +7,9 @@ from datetime import datetime
 import can
 import pytest
 
-from fsw.drivers.ports.can_log import read_can_log
 from fsw.drivers.wire import frame_list, recorded_bytes
 from fsw.errors import ConfigError
+from offline.can_logs.reading import read_can_log
 
 T_S, T_NS = 1_760_000_000.25, 1_760_000_000_250_000_000
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 
-from fsw.drivers.ports.asc_clock import AscClock
 from fsw.errors import ConfigError
+from offline.can_logs.asc_clock import AscClock
 
 Line = tuple[int, str]  # number from 1, text
 _Dialect = Callable[["TextLog", Iterator[Line]], Iterator[str]]
