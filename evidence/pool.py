@@ -2,12 +2,14 @@
 
 import multiprocessing
 import os
+import pickle
+import traceback
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from typing import TypeVar
 
-from hil.run.processes import end_with_driver
+from hil.run.processes import end_with, end_with_driver
 from hil.world.scenario import ScenarioError
 
 MOST_ATTEMPTS = 3  # attempts of a case whose process dies
@@ -20,6 +22,37 @@ R = TypeVar("R")
 
 class CaseLostError(RuntimeError):
     """A process died in every attempt of a case."""
+
+
+def forked(name: str, work: Callable[[], R]) -> R:
+    """Return the result of named work in a copy of this process, which ends as if it were killed.
+
+    Raises
+    ------
+    RuntimeError if the copy ends without a result; it has printed why.
+    """
+    read_fd, write_fd = os.pipe()
+    parent, child = os.getpid(), os.fork()
+    if child == 0:
+        status = 1
+        try:
+            end_with(parent)
+            os.close(read_fd)
+            with os.fdopen(write_fd, "wb") as pipe:
+                pickle.dump(work(), pipe)
+            status = 0
+        finally:
+            if status:
+                traceback.print_exc()
+            os._exit(status)
+    os.close(write_fd)
+    with os.fdopen(read_fd, "rb") as pipe:
+        data = pipe.read()
+    _, code = os.waitpid(child, 0)
+    if code:
+        raise RuntimeError(f"{name} ended with {code}")
+    result: R = pickle.loads(data)
+    return result
 
 
 def one_by_one(work: Callable[[C], R], cases: Sequence[C]) -> Iterator[tuple[C, R]]:

@@ -1,8 +1,6 @@
 """Tables of evidence on the terminal."""
 
-import json
-from collections.abc import Callable, Iterable, Sequence
-from typing import Any
+from collections.abc import Iterable, Sequence
 
 from rich.console import Console
 from rich.progress import Progress
@@ -26,15 +24,3 @@ def print_table(
 def bar() -> Progress:
     """Return a progress bar on stderr."""
     return Progress(console=Console(stderr=True))
-
-
-Rows = Sequence[dict[str, Any]]
-
-
-def judged(rows: Rows, show: Callable[[Rows], None], *, as_json: bool) -> int:
-    """Print the rows; return the exit code, 0 if every row passed."""
-    if as_json:
-        print(json.dumps(rows))
-    else:
-        show(rows)
-    return 0 if all(row["passed"] for row in rows) else 1

@@ -1,14 +1,12 @@
 """One case: a disk of a size, a way to spoil it, and a moment; what must hold, and what did."""
 
-import os
-import pickle
 import tempfile
-import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from evidence import pool
 from evidence.disk import small
 from evidence.disk.board import Board, configuration
 from evidence.disk.ground_end import GroundEnd, Numbers
@@ -116,28 +114,11 @@ def _runs(case: Case, config: Config, disk: Path) -> list[Facts]:
 
 
 def _forked(work: Callable[[], Facts]) -> Facts:
-    """Return the facts of work in a process that ends as if it were killed."""
-    read_fd, write_fd = os.pipe()
-    child = os.fork()
-    if child == 0:
-        status = 1
-        try:
-            os.close(read_fd)
-            with os.fdopen(write_fd, "wb") as pipe:
-                pickle.dump(work(), pipe)
-            status = 0
-        finally:
-            if status:
-                traceback.print_exc()
-            os._exit(status)
-    os.close(write_fd)
-    with os.fdopen(read_fd, "rb") as pipe:
-        data = pipe.read()
-    _, code = os.waitpid(child, 0)
-    if code:
-        return Facts(first=0, failed=[f"service died ({code})"])
-    facts: Facts = pickle.loads(data)
-    return facts
+    """Return the facts of work in a copy of this process."""
+    try:
+        return pool.forked("the service", work)
+    except RuntimeError as error:
+        return Facts(first=0, failed=[str(error)])
 
 
 def _first(case: Case, config: Config, disk: Path, numbers: Numbers) -> Facts:

@@ -8,16 +8,14 @@ wheels (6 N m s, 1 sigma 10 N m s per axis) is not drawn, and modes are at rest 
 
 import sys
 from collections.abc import Sequence
-from pathlib import Path
-from typing import Any
+from typing import Unpack
 
 import numpy as np
 
-from evidence import runner
 from evidence.effects.case import Case, work
+from evidence.experiment import Experiment, Kind, Line, Over
 from evidence.methods.statistics import ratio
-from evidence.store import Row, Store
-from evidence.terminal import WRONG, judged, print_table
+from evidence.store import Row
 from hil.judge import chi_square
 
 SCENARIOS = (
@@ -31,28 +29,6 @@ TITLES = (
 )
 
 
-def effects(
-    scenarios: Sequence[str], seeds: Sequence[int], jobs: int, out: Path | None
-) -> list[dict[str, Any]]:
-    """Run the cases that the folder lacks; return the summary of every scenario.
-
-    Raises
-    ------
-    ScenarioError if the folder holds results of another study, or a scenario does not exist.
-    """
-    chosen = list(scenarios or SCENARIOS)
-    cases = [Case(name, seed) for name in chosen for seed in seeds]
-    store = Store(out, {"effects": "samples"})
-    sys.stderr.write(
-        f"hil: {announced(chosen, len(seeds), len(runner.missing(cases, str, store)))}\n"
-    )
-    runner.rows("effects", work, cases, store, jobs)
-    return [
-        {"scenario": name} | summary([store.rows[str(Case(name, seed))] for seed in seeds])
-        for name in chosen
-    ]
-
-
 def announced(chosen: Sequence[str], seeds: int, runs: int) -> str:
     """Return a text that says how many runs are needed and how many are stored."""
     scenarios = f"{len(chosen)} scenarios ({', '.join(chosen)}), {seeds} seeds each"
@@ -60,7 +36,7 @@ def announced(chosen: Sequence[str], seeds: int, runs: int) -> str:
     return f"study effects: {runs} runs: {scenarios}; {stored} are stored; see docs/study.md"
 
 
-def summary(rows: Sequence[Row], outside: float = 0.05) -> dict[str, Any]:
+def summary(rows: Sequence[Row], outside: float = 0.05) -> Line:
     """Return the figures over all seeds; `outside` is the chance of a false alarm of the NEES."""
     count, dof = len(rows), rows[0]["dof"]
     low, high = chi_square.mean_ends(dof, count, outside)
@@ -91,18 +67,7 @@ def summary(rows: Sequence[Row], outside: float = 0.05) -> dict[str, Any]:
     }
 
 
-def show(rows: Sequence[dict[str, Any]]) -> None:
-    """Print the table."""
-    print_table(
-        "effects of a servicer from samples, every state of its configuration",
-        TITLES,
-        [_line(row) for row in rows],
-        170,
-        WRONG,
-    )
-
-
-def _line(row: dict[str, Any]) -> list[str]:
+def _cells(row: Line) -> list[str]:
     (low, high), (seed, most) = row["band"], row["worst_nees"]
     masses = row["mass_mean_and_scatter_of_error_and_sigma_kg"].items()
     return [
@@ -115,9 +80,27 @@ def _line(row: dict[str, Any]) -> list[str]:
     ]
 
 
-def run(
-    *, scenarios: Sequence[str], first: int, count: int, jobs: int, out: Path | None, as_json: bool
-) -> int:
-    """Print the summary; return the exit code, 0 if every row passed."""
-    rows = effects(scenarios, range(first, first + count), jobs, out)
-    return judged(rows, show, as_json=as_json)
+def _summary(kind: Kind, rows: Sequence[Row]) -> list[Line]:
+    return [{"scenario": kind[0]} | summary(rows)]
+
+
+STUDY = Experiment(
+    name="effects",
+    settings={"effects": "samples"},
+    case=Case,
+    work=work,
+    summary=_summary,
+    title="effects of a servicer from samples, every state of its configuration",
+    columns=TITLES,
+    cells=_cells,
+    width=170,
+)
+
+
+def run(*, scenarios: Sequence[str], **over: Unpack[Over]) -> int:
+    """Print how many runs there are, then the summary; return 0 if every row passed, else 1."""
+    chosen = list(scenarios or SCENARIOS)
+    kinds, seeds = [(name,) for name in chosen], range(over["first"], over["first"] + over["count"])
+    missing = STUDY.missing(kinds, seeds, over["out"])
+    sys.stderr.write(f"hil: {announced(chosen, len(seeds), len(missing))}\n")
+    return STUDY.run(kinds, over)

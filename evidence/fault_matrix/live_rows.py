@@ -23,6 +23,7 @@ from scipy.stats import chi2
 from evidence.fault_matrix import lost, run
 from evidence.fault_matrix.table import Row, Table
 from fsw.config import load as load_config
+from fsw.messages import Event
 from hil.judge.outcome import result_from_json
 from hil.judge.score import Result, normalised_error_squared
 from hil.run import bench, live
@@ -133,7 +134,7 @@ def fly(lane: Lane, table: Table, row: Row | None, seed: int, folder: Path) -> d
         "settled": result_from_json(outcome.final, setup.scenario.unknown),
         "end_ns": end_ns,
         "status": outcome.status,
-        "events": [json.loads(line) for line in events],
+        "events": [Event(**json.loads(line)) for line in events],
         "event_counts": closing.get("event_counts", {}),
         "times_ns": times_ns,
         "wall_s": outcome.wall_s,
@@ -164,32 +165,16 @@ def outcome(
     final: Result = flown["final"]
     both = final, flown["settled"]  # at the end of the motion, and when the daemon stopped
     truth = np.concatenate([pi_of(setup.scenario.truth[b]) for b in setup.scenario.unknown])
-    began_ns, returned_ns = flown["times_ns"]["began"], flown["times_ns"]["returned"]
-    told = [e for e in flown["events"] if e["severity"] != "info"]
-    own = [e["t_ns"] for e in told if e["code"] == row.event]
-    over = [
-        e["t_ns"]
-        for e in flown["events"]
-        if e["code"] == row.recovered and (row.recovered != "RECOVERED" or row.event in e["text"])
-    ]
-    usual = {e["code"] for e in clean["events"]} | set(TIMING)
-    codes = {e["code"] for e in told} - usual
+    span_ns = flown["times_ns"]["began"], flown["times_ns"]["returned"]
+    usual = {e.code for e in clean["events"]} | set(TIMING)
     health = flown["status"]["health"]
     bench_own = clean["status"]["health"]["incidents"]
     incidents = {n: int(k) for n, k in health["incidents"].items()}
     counted = incidents.get(row.event, 0) or int(flown["event_counts"].get(row.event, 0))
-    values = {
-        "type": row.type,
-        "event": row.event,
-        "detect_s": (own[0] - began_ns) * 1e-9 if own else None,
-        "detect_bound_s": table.detect_bound_s(row),
-        "recover_s": (over[-1] - returned_ns) * 1e-9 if over else None,
-        "recover_bound_s": row.recover_s or table.recover_bound_s,
+    values = run.told(table, row, flown["events"], span_ns, usual) | {
         "nees": max(normalised_error_squared(r.x - truth, r.covariance) for r in both),
         "nees_bound": float(chi2.ppf(table.probability, len(truth))),
         "sigma_ratio": float(np.max(_sigma(final) / reference_sigma)),
-        "sigma_ratio_bounds": (table.sigma_least, table.sigma_ratio),
-        "others": sorted(codes - {row.event, row.recovered, *row.also}),
         "counters": {n: k for n, k in incidents.items() if n == row.event or n not in bench_own},
         "counted": counted,
         "findings": int(health["findings"].get(row.event, 0)),
@@ -209,7 +194,7 @@ def _clean(clean: Mapping[str, Any], truth: FloatArray, probability: float) -> d
     """Return codes and NEES of the clean run, and whether the run is good enough as a reference."""
     final: Result = clean["final"]
     nees = normalised_error_squared(final.x - truth, final.covariance)
-    codes = {e["code"] for e in clean["events"] if e["severity"] != "info"}
+    codes = {e.code for e in clean["events"] if e.severity != "info"}
     good = final.valid and nees <= float(chi2.ppf(probability, len(truth)))
     return {"codes": sorted(codes), "nees": nees, "good": good}
 

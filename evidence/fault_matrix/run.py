@@ -1,15 +1,14 @@
 """One row of the matrix in virtual time: the run with the fault, its reference, the verdict."""
 
 import dataclasses
-import os
-import pickle
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.stats import chi2
 
+from evidence import pool
 from evidence.fault_matrix.table import Row, Table
 from fsw.messages import Event
 from fsw.messages.findings import Fault
@@ -17,7 +16,6 @@ from hil.faults.place import Place
 from hil.faults.script import install
 from hil.judge.score import Result, normalised_error_squared
 from hil.run import bench
-from hil.run.processes import end_with
 from hil.run.progress import Quiet
 from hil.world.inertia import FloatArray, pi_of
 from hil.world.scenario import Scenario
@@ -79,27 +77,8 @@ def branch(
     ------
     RuntimeError if the copy ends without a result.
     """
-    read_fd, write_fd = os.pipe()
-    parent = os.getpid()
-    child = os.fork()
-    if child == 0:
-        status = 1
-        try:
-            end_with(parent)
-            os.close(read_fd)
-            with os.fdopen(write_fd, "wb") as pipe:
-                pickle.dump(_carry_on(trunk, table, row, reference=reference), pipe)
-            status = 0
-        finally:
-            os._exit(status)
-    os.close(write_fd)
-    with os.fdopen(read_fd, "rb") as pipe:
-        data = pipe.read()
-    _, code = os.waitpid(child, 0)
-    if code:
-        raise RuntimeError(f"{'the clean run' if row is None else row.type} ended with {code}")
-    flown: FlownRow = pickle.loads(data)
-    return flown
+    name = "the clean run" if row is None else row.type
+    return pool.forked(name, lambda: _carry_on(trunk, table, row, reference=reference))
 
 
 def _carry_on(run: bench.VirtualRun, table: Table, row: Row | None, *, reference: bool) -> FlownRow:
@@ -141,28 +120,12 @@ def outcome(
     """
     final = flown.final
     truth = np.concatenate([pi_of(setup.scenario.truth[b]) for b in setup.scenario.unknown])
-    told = [e for e in flown.events if e.severity != "info"]
-    own = [e.t_ns for e in told if e.code == row.event]
-    over = [
-        e.t_ns
-        for e in flown.events
-        if e.code == row.recovered and (row.recovered != "RECOVERED" or row.event in e.text)
-    ]
     usual = {e.code for e in clean.events}
-    others = sorted({e.code for e in told} - usual - {row.event, row.recovered, *row.also})
     health = flown.status["health"]
-    values = {
-        "type": row.type,
-        "event": row.event,
-        "detect_s": (own[0] - flown.began_ns) * 1e-9 if own else None,
-        "detect_bound_s": table.detect_bound_s(row),
-        "recover_s": (over[-1] - flown.returned_ns) * 1e-9 if over else None,
-        "recover_bound_s": table.recover_bound_s,
+    values = told(table, row, flown.events, (flown.began_ns, flown.returned_ns), usual) | {
         "nees": normalised_error_squared(final.x - truth, final.covariance),
         "nees_bound": float(chi2.ppf(table.probability, len(truth))),
         "sigma_ratio": float(np.max(flown.sigma / reference.sigma)),
-        "sigma_ratio_bounds": (table.sigma_least, table.sigma_ratio),
-        "others": others,
         "counters": {name: int(n) for name, n in health["incidents"].items()},
         "counted": int(health["incidents"].get(row.event, 0)) or _losses(flown, row),
         "findings": int(health["findings"].get(row.event, 0)),
@@ -172,6 +135,40 @@ def outcome(
         "wall_s": flown.wall_s,
     }
     return values | {"failed": failures(row, values)}
+
+
+def told(
+    table: Table,
+    row: Row,
+    events: Sequence[Event],
+    span_ns: tuple[int, int],
+    usual: Collection[str],
+) -> dict[str, Any]:
+    """Return when a fault and its end were reported, what else was, and the bounds of the row.
+
+    Parameters
+    ----------
+    span_ns : when the fault began and when its device recovered
+    usual : codes of events that are not counted as other events
+    """
+    known = [e for e in events if e.severity != "info"]
+    own = [e.t_ns for e in known if e.code == row.event]
+    over = [
+        e.t_ns
+        for e in events
+        if e.code == row.recovered and (row.recovered != "RECOVERED" or row.event in e.text)
+    ]
+    expected = {*usual, row.event, row.recovered, *row.also}
+    return {
+        "type": row.type,
+        "event": row.event,
+        "detect_s": (own[0] - span_ns[0]) * 1e-9 if own else None,
+        "detect_bound_s": table.detect_bound_s(row),
+        "recover_s": (over[-1] - span_ns[1]) * 1e-9 if over else None,
+        "recover_bound_s": row.recover_s or table.recover_bound_s,
+        "sigma_ratio_bounds": (table.sigma_least, table.sigma_ratio),
+        "others": sorted({e.code for e in known} - expected),
+    }
 
 
 def _losses(flown: FlownRow, row: Row) -> int:

@@ -1,15 +1,13 @@
 """`hil imported`: tables of a bench arm, imported and identified, with and without a wrist."""
 
-from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import Any
+from collections.abc import Sequence
+from typing import Unpack
 
 import numpy as np
 
-from evidence import runner
+from evidence.experiment import Experiment, Kind, Line, Over
 from evidence.imported.case import MOTIONS, SENSORS, Case, work
-from evidence.store import Store
-from evidence.terminal import WRONG, judged, print_table
+from evidence.store import Row
 from hil.judge import chi_square
 
 DOF = 4  # mass and first moments: poses show nothing of the inertia
@@ -17,30 +15,7 @@ SIGMAS = 5.0  # beyond this a mass is wrong
 TITLES = ("motion", "sensors", "valid", "mean NEES of 4", "95 % band", "mass, error and sigma [kg]")
 
 
-def imported(
-    motions: Sequence[str], seeds: Sequence[int], jobs: int, out: Path | None
-) -> list[dict[str, Any]]:
-    """Run the cases that the folder lacks; return the rows of the summary of all cases.
-
-    Raises
-    ------
-    ScenarioError if the folder holds results of another study, or an import fails.
-    """
-    kinds = [(motion, sensors) for motion in motions or MOTIONS for sensors in SENSORS]
-    cases = [Case(*kind, seed) for kind in kinds for seed in seeds]
-    store = Store(out, {"imported": "a bench arm with 5 kg"})
-    runner.rows("imported", work, cases, store, jobs)
-    found = [
-        _summary(kind, [store.rows[str(Case(*kind, seed))] for seed in seeds]) for kind in kinds
-    ]
-    for row in found:
-        alone = next(r for r in found if r["motion"] == row["motion"] and r["sensors"] == "joints")
-        is_better = row["mass_sigma_kg"] <= alone["mass_sigma_kg"]
-        row["passed"] &= row["sensors"] != "both" or is_better
-    return found
-
-
-def _summary(kind: tuple[str, str], rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def _summary(kind: Kind, rows: Sequence[Row]) -> list[Line]:
     low, high = chi_square.mean_ends(DOF, len(rows))
     nees = float(np.mean([row["nees"] for row in rows]))
     error, sigma = (
@@ -48,7 +23,7 @@ def _summary(kind: tuple[str, str], rows: Sequence[Mapping[str, Any]]) -> dict[s
     )
     moving = kind[0] == "moving"
     valid = sum(row["status"] == "OK" for row in rows)
-    return {
+    line = {
         "motion": kind[0],
         "sensors": kind[1],
         "seeds": len(rows),
@@ -63,25 +38,41 @@ def _summary(kind: tuple[str, str], rows: Sequence[Mapping[str, Any]]) -> dict[s
             and (valid == len(rows) or not moving)
         ),
     }
+    return [line]
 
 
-def show(rows: Sequence[Mapping[str, Any]]) -> None:
-    """Print the table."""
-    lines = [
-        [
-            *(row["motion"], row["sensors"], f"{row['valid']} of {row['seeds']}"),
-            f"{row['mean_nees']:.2f}",
-            "[{:.2f}, {:.2f}]".format(*row["band_95"]),
-            f"{row['mass_rms_error_kg']:.2g} +- {row['mass_sigma_kg']:.2g}",
-        ]
-        for row in rows
+def _cells(row: Line) -> list[str]:
+    return [
+        *(row["motion"], row["sensors"], f"{row['valid']} of {row['seeds']}"),
+        f"{row['mean_nees']:.2f}",
+        "[{:.2f}, {:.2f}]".format(*row["band_95"]),
+        f"{row['mass_rms_error_kg']:.2g} +- {row['mass_sigma_kg']:.2g}",
     ]
-    print_table("a bench arm that holds 5 kg, from tables", TITLES, lines, 110, WRONG)
 
 
-def run(
-    *, motion: Sequence[str], first: int, count: int, jobs: int, out: Path | None, as_json: bool
-) -> int:
-    """Print the summary; return the exit code, 0 if every row passed."""
-    rows = imported(motion, range(first, first + count), jobs, out)
-    return judged(rows, show, as_json=as_json)
+STUDY = Experiment(
+    name="imported",
+    settings={"imported": "a bench arm with 5 kg"},
+    case=Case,
+    work=work,
+    summary=_summary,
+    title="a bench arm that holds 5 kg, from tables",
+    columns=TITLES,
+    cells=_cells,
+    width=110,
+)
+
+
+def run(*, motion: Sequence[str], **over: Unpack[Over]) -> int:
+    """Print the summary; return the exit code, 0 if every row passed.
+
+    A wrist beside the joints must not make the mass less known than the joints alone.
+    """
+    kinds = [(name, sensors) for name in motion or MOTIONS for sensors in SENSORS]
+    seeds = range(over["first"], over["first"] + over["count"])
+    found = STUDY.lines(kinds, seeds, over["jobs"], over["out"])
+    for row in found:
+        alone = next(r for r in found if r["motion"] == row["motion"] and r["sensors"] == "joints")
+        is_better = row["mass_sigma_kg"] <= alone["mass_sigma_kg"]
+        row["passed"] &= row["sensors"] != "both" or is_better
+    return STUDY.judged(found, as_json=over["as_json"])

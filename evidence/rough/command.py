@@ -1,19 +1,16 @@
 """`hil rough`: many seeds of a rough world, declared or undeclared, and of an ideal world."""
 
-from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import Any
+from collections.abc import Sequence
+from typing import Unpack
 
 import numpy as np
 
-from evidence import runner
+from evidence.experiment import Experiment, Kind, Line, Over
 from evidence.mistakes.command import CASES
-from evidence.rough.case import IDEAL, ROUGH, Case, work
-from evidence.store import Row, Store
-from evidence.terminal import WRONG, judged, print_table
+from evidence.rough.case import ROUGH, Case, work
+from evidence.store import Row
 from hil.judge import chi_square
 
-KINDS = (*ROUGH, *IDEAL)
 TITLES = (
     *("unknown", "told", "valid", "wrong", "mean NEES", "95 % band"),
     *("mass, rms error and sigma [kg]", ""),
@@ -22,29 +19,9 @@ NOT_JUDGED = "undeclared"  # is not judged by NEES, only by valid and wrong outp
 DOUBTED = ("terms", "defaults")  # declare errors that the ideal world lacks: sigma is too large
 
 
-def rough(
-    unknown: Sequence[str], told: Sequence[str], seeds: Sequence[int], jobs: int, out: Path | None
-) -> list[dict[str, Any]]:
-    """Run the cases that the folder lacks; return the rows of the summary of all cases.
-
-    Raises
-    ------
-    ScenarioError if the folder holds results of another study.
-    """
-    chosen = [(name, kind) for kind in told or ROUGH for name in unknown or CASES]
-    cases = [Case(name, kind, seed) for name, kind in chosen for seed in seeds]
-    store = Store(out, {"rough": "friction, links, coloured torque noise"})
-    runner.rows("rough", work, cases, store, jobs)
-    return [
-        {"unknown": name, "told": kind}
-        | _summary(kind, [store.rows[str(Case(name, kind, seed))] for seed in seeds])
-        for name, kind in chosen
-    ]
-
-
-def _summary(told: str, rows: Sequence[Row]) -> dict[str, Any]:
+def _summary(kind: Kind, rows: Sequence[Row]) -> list[Line]:
     """Return the figures over all seeds; the 95 % band holds for a mean of chi-square values."""
-    count, dof = len(rows), rows[0]["dof"]
+    (unknown, told), count, dof = kind, len(rows), rows[0]["dof"]
     low, high = chi_square.mean_ends(dof, count)
     nees = float(np.mean([row["nees"] for row in rows]))
     masses = {
@@ -56,7 +33,9 @@ def _summary(told: str, rows: Sequence[Row]) -> dict[str, Any]:
     valid = sum(row["valid"] for row in rows)
     above = nees >= low or told in DOUBTED
     within = told == NOT_JUDGED or (above and nees <= high and valid == count)
-    return {
+    line = {
+        "unknown": unknown,
+        "told": told,
         "seeds": count,
         "valid": valid,
         "wrong": wrong,
@@ -68,20 +47,10 @@ def _summary(told: str, rows: Sequence[Row]) -> dict[str, Any]:
         },
         "passed": wrong == 0 and within,
     }
+    return [line]
 
 
-def show(rows: Sequence[Mapping[str, Any]]) -> None:
-    """Print the table."""
-    print_table(
-        "friction, wrong links and coloured torque noise, or none of them",
-        TITLES,
-        [_line(row) for row in rows],
-        130,
-        WRONG,
-    )
-
-
-def _line(row: Mapping[str, Any]) -> list[str]:
+def _cells(row: Line) -> list[str]:
     low, high = row["band_95"]
     masses = row["mass_rms_error_and_sigma_kg"].items()
     return [
@@ -92,16 +61,18 @@ def _line(row: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def run(
-    *,
-    case: Sequence[str],
-    told: Sequence[str],
-    first: int,
-    count: int,
-    jobs: int,
-    out: Path | None,
-    as_json: bool,
-) -> int:
+STUDY = Experiment(
+    name="rough",
+    settings={"rough": "friction, links, coloured torque noise"},
+    case=Case,
+    work=work,
+    summary=_summary,
+    title="friction, wrong links and coloured torque noise, or none of them",
+    columns=TITLES,
+    cells=_cells,
+)
+
+
+def run(*, case: Sequence[str], told: Sequence[str], **over: Unpack[Over]) -> int:
     """Print the summary; return the exit code, 0 if every row passed."""
-    rows = rough(case, told, range(first, first + count), jobs, out)
-    return judged(rows, show, as_json=as_json)
+    return STUDY.run([(name, kind) for kind in told or ROUGH for name in case or CASES], over)

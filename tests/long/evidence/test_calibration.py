@@ -13,7 +13,7 @@ SEED = 3
 @pytest.mark.parametrize("mode", ["rest", "motion"])
 def test_every_measured_figure_of_a_seed_is_within_the_bound(mode):
     case = Case("table_target", mode, SEED)
-    rows = summary({case: work(case)[str(case)]})
+    rows = summary(("table_target", mode), [work(case)[str(case)]])
     by_kind = {row["kind"]: row for row in rows}
     assert [row for row in rows if row["beyond"]] == []
     assert by_kind["torque_offset"]["measured"] >= 1
@@ -29,7 +29,7 @@ def test_a_figure_off_by_more_than_the_bound_is_counted_unless_it_was_refused():
     off = judged(figure | {"verdict": "measured"}, {"torque_offset.joint1": 0.06})
     assert off["off_sigmas"] == pytest.approx(4.0)
     refused = off | {"verdict": "prior-dominated"}
-    (row,) = summary({Case("s", "rest", 0): {"figures": [off, refused]}})
+    (row,) = summary(("s", "rest"), [{"figures": [off, refused]}])
     assert (row["measured"], row["refused"], row["beyond"]) == (1, 1, 1)
     assert row["worst_sigmas"] == pytest.approx(4.0)
     assert np.float64(BOUND_SIGMAS) == 3.0

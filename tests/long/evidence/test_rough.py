@@ -9,7 +9,7 @@ from scipy.stats import chi2
 
 from evidence.methods.cases import scenario_of
 from evidence.rough.case import LINKS_OFF, Case, _rms, _sized, drawn_body, made, work
-from evidence.rough.command import rough
+from evidence.rough.command import STUDY
 from fsw.estimators.model.calibration import spread_root
 from fsw.estimators.model.robot import RobotModel
 from fsw.estimators.recursive.online import build_online
@@ -26,13 +26,13 @@ def test_declared_it_is_valid_and_honest(unknown: str) -> None:
 
 
 def test_undeclared_it_is_never_valid_and_wrong_and_rows_are_kept(tmp_path: Path) -> None:
-    (summary,) = rough(["target"], ["undeclared"], [0], 1, tmp_path)
+    (summary,) = STUDY.lines([("target", "undeclared")], [0], 1, tmp_path)
     assert summary["wrong"] == 0
     assert summary["passed"]
     assert summary["valid"] == 0
     (line,) = (tmp_path / "results.jsonl").read_text(encoding="utf-8").splitlines()
     assert json.loads(line)[0] == "target undeclared 0"
-    assert rough(["target"], ["undeclared"], [0], 1, tmp_path) == [summary]
+    assert STUDY.lines([("target", "undeclared")], [0], 1, tmp_path) == [summary]
 
 
 def test_the_flight_side_knows_nothing_of_the_rough_world(tmp_path: Path) -> None:

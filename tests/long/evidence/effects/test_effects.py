@@ -8,7 +8,7 @@ import pytest
 
 from evidence.effects.bound import information_of
 from evidence.effects.case import Case, work
-from evidence.effects.command import LIMIT, effects, summary
+from evidence.effects.command import LIMIT, STUDY, summary
 from evidence.effects.samples import exact, noisy, rate_hz, truth
 from evidence.methods.flight_side import write_config, write_true_config
 from evidence.methods.recursion import recursion_row
@@ -71,9 +71,9 @@ def test_the_bound_is_that_of_the_bench_where_there_is_no_effect(tmp_path):
 
 def test_a_seed_is_run_once_and_its_row_depends_on_nothing_else(tmp_path):
     row = row_of("wheels_leo", 0)
-    (first,) = effects(["wheels_leo"], [0], 1, tmp_path)
+    (first,) = STUDY.lines([("wheels_leo",)], [0], 1, tmp_path)
     journal = (tmp_path / "results.jsonl").read_bytes()
-    (again,) = effects(["wheels_leo"], [0], 1, tmp_path)
+    (again,) = STUDY.lines([("wheels_leo",)], [0], 1, tmp_path)
     assert first == again
     assert (tmp_path / "results.jsonl").read_bytes() == journal
     assert first["mean_nees"] == row["nees"]

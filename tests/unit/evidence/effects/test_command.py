@@ -3,7 +3,7 @@
 import pytest
 
 from evidence import runner
-from evidence.effects.command import SCENARIOS, effects
+from evidence.effects.command import SCENARIOS, run
 
 
 def test_the_number_of_runs_is_printed_before_they_begin(
@@ -14,6 +14,6 @@ def test_the_number_of_runs_is_printed_before_they_begin(
 
     monkeypatch.setattr(runner, "rows", begun)
     with pytest.raises(InterruptedError):
-        effects([], range(50), 1, None)
+        run(scenarios=[], first=0, count=50, jobs=1, out=None, as_json=False)
     said = capsys.readouterr().err
     assert f"{50 * len(SCENARIOS)} runs: {len(SCENARIOS)} scenarios (wheels_leo, mev, " in said
