@@ -70,7 +70,7 @@ def digest(bench: OperationsBench) -> str:
         app.housekeeping.rates(),
         app.monitoring.table(),
         (app.onboard.digest(), app.monitoring.enabled),
-        (app.modes.mode, app.supervision.health.latched, app.times.exponent),
+        (app.mode_machine.mode, app.supervision.health.latched, app.times.exponent),
         (bench.counts["forwarded"], app.events.disabled),
     )
     return json.dumps(state, default=str)

@@ -1,1 +1,1 @@
-"""Telemetry and telecommands: packets, services, link, tables, monitors, events, modes."""
+"""Telemetry and telecommands: packets, services, link, tables, monitors, events."""

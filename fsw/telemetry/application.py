@@ -48,7 +48,7 @@ from fsw.telemetry.state.boot import Boot
 from fsw.telemetry.state.command_log import CommandLog
 from fsw.telemetry.state.event_reporter import EventReporter
 from fsw.telemetry.state.latest_values import LatestValues
-from fsw.telemetry.state.modes import ModeMachine
+from fsw.telemetry.state.mode_machine import ModeMachine
 from fsw.telemetry.state.parameter_values import ParameterValues
 from fsw.telemetry.state.store import GenerationStore
 from fsw.telemetry.tables.content import to_yaml
@@ -74,9 +74,9 @@ def build_context(
     boot = Boot.begin(GenerationStore(state / BOOT), resume=resume)
     down = Downlink(host.now_ns)
     reporter = EventReporter(host)
-    modes = ModeMachine(reporter, safe=telemetry.start_mode == "safe")
+    mode_machine = ModeMachine(reporter, safe=telemetry.start_mode == "safe")
     log = CommandLog(state, boot.count, host, config.service.disk_reserve_bytes // 2)
-    executor = TelecommandExecutor(modes, down, reporter, log)
+    executor = TelecommandExecutor(mode_machine, down, reporter, log)
     return TelemetryContext(
         host=host,
         config=base,
@@ -86,12 +86,12 @@ def build_context(
         boot=boot,
         reporter=reporter,
         down=down,
-        modes=modes,
+        mode_machine=mode_machine,
         latest=LatestValues(config, host),
         parameters=ParameterValues(base, GenerationStore(state / PARAMETERS)),
         log=log,
         executor=executor,
-        loop=LoopCommands(host, executor, modes),
+        loop=LoopCommands(host, executor, mode_machine),
         long_work=LongWork(down, executor),
     )
 
@@ -109,7 +109,11 @@ class TelemetryApplication:
     def __init__(
         self, context: TelemetryContext, delivery: FileDelivery, security: Security | None
     ) -> None:
-        self.context, self.modes, self.executor = context, context.modes, context.executor
+        self.context, self.mode_machine, self.executor = (
+            context,
+            context.mode_machine,
+            context.executor,
+        )
         self.link = GroundLink(
             context.telemetry, context.host, context.down, context.reporter, security
         )
@@ -200,7 +204,7 @@ class TelemetryApplication:
         """Return link, mode, health, start count and telecommand counters for the status file."""
         return {
             **self.link.summary(),
-            "mode": self.modes.mode.name,
+            "mode": self.mode_machine.mode.name,
             "health": self.supervision.health.latched,
             "boot_count": self.context.boot.count,
             "tc": asdict(self.executor.counters),
@@ -210,7 +214,7 @@ class TelemetryApplication:
         """Record the loop's summary; in SAFE, pause an estimator that still identifies."""
         self.context.latest.record_status(status)
         self.supervision.status()
-        if self.modes.mode is Mode.SAFE and status.get("identifying", False):
+        if self.mode_machine.mode is Mode.SAFE and status.get("identifying", False):
             self.functions.go_safe()  # a restored state may have been identifying
 
     def estimate(self, estimate: Estimate) -> None:
@@ -239,7 +243,7 @@ class TelemetryApplication:
     def job(self, report: JobReport) -> None:
         """Record progress or end of a batch job."""
         self.context.latest.record_job(report)
-        self.modes.job(report.state == "running")
+        self.mode_machine.job(report.state == "running")
         self.context.loop.job(report)
 
     def local_command(self, command: Command) -> None:

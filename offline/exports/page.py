@@ -25,7 +25,7 @@ def page(dictionary: Dictionary = DICTIONARY) -> str:
     lines += ["| id | name | type | default | range | modes | |", "|---|---|---|---|---|---|---|"]
     for item in dictionary.parameters:
         bounds = f"{item.minimum:g} to {item.maximum:g} {item.unit}".strip()
-        modes = ", ".join(item.modes) or "all"
+        modes = ", ".join(item.accepted_in) or "all"
         lines.append(
             f"| {item.id} | `{item.name}` | {item.type} | {item.default:g} | {bounds} "
             f"| {modes} | {item.doc} |"
@@ -56,7 +56,7 @@ def _telecommand_row(item: Telecommand) -> str:
             parts.append(_argument(argument))
     if item.repeats:
         parts.append("repeated after the count")
-    modes = ", ".join(item.modes) or "all"
+    modes = ", ".join(item.accepted_in) or "all"
     number, arguments = f"{item.service},{item.subtype}", "; ".join(parts)
     reports = " ".join(f"1,{subtype}" for subtype in item.verification) + f", {item.timeout_s:g} s"
     hazard = f"{item.significance}: {item.hazard}" if item.hazard else ""

@@ -269,6 +269,13 @@ def random_block(seed: int = 1) -> Block:
     )
 
 
+def noisy_angles() -> Block:
+    """Return a block that has the covariance of angles, correlated with rates."""
+    block, size = random_block(2), 3 * NODES
+    root = 1e-3 * np.random.default_rng(5).normal(size=(N, size, size))
+    return replace(block, cov_joint=root @ root.transpose(0, 2, 1))
+
+
 def channel(t_s: FloatArray, values: FloatArray, *, missing: bool = False) -> ChannelWindow:
     t_ns = np.rint(t_s * 1e9).astype(np.int64)
     return ChannelWindow(t_ns=t_ns, values=values, missing=missing, stale=False)

@@ -1,4 +1,4 @@
-"""Enumerations of the link: errors of telecommands, modes, functions, methods, states."""
+"""Enumerations of the link: errors of telecommands, mode, functions, methods, states."""
 
 from enum import IntEnum
 

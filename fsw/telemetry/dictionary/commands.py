@@ -32,7 +32,7 @@ _UNKNOWN = Field(name="unknown", type=Type.U8, enumeration=UNKNOWN)
 _COUNT = Field(name="count", type=Type.U8, minimum=1, maximum=MAX_REPEATS)
 _N = Field(name="n", type=Type.U8, minimum=1, maximum=MAX_REPEATS, doc="elements that follow")
 _ID = Field(name="parameter", type=Type.U16, enumeration=PARAMETER)
-# modes that can be commanded; BOOT ends by itself, and a batch job gives BATCH
+# what SET_MODE may command; BOOT ends by itself, and a batch job gives BATCH
 _COMMANDED_MODE = Enumeration(
     name="commanded_mode",
     labels={n: label for n, label in MODE.labels.items() if label not in ("BOOT", "BATCH")},
@@ -138,7 +138,7 @@ _FUNCTIONS = (
         Function.RESTART,
         "End and start again; the key guards against accidents",
         Field(name="key", type=Type.U16, minimum=0xB007, maximum=0xB007),
-        modes=_QUIET,
+        accepted_in=_QUIET,
     ),
     function(Function.EVENT_LOG_DUMP, "Report the newest entries of the event log", _ENTRIES),
     function(
@@ -155,14 +155,14 @@ _FUNCTIONS = (
         Function.START_IDENTIFICATION,
         "Identify these bodies, from the prior",
         _UNKNOWN,
-        modes=_IDLE,
+        accepted_in=_IDLE,
     ),
-    function(Function.STOP_IDENTIFICATION, "Rest; the last estimate stays", modes=_RUNNING),
-    function(Function.RESET_ESTIMATOR, "Back to the prior", modes=_RUNNING),
-    function(Function.SETTLE_ESTIMATOR, "Settle completely and publish", modes=_RUNNING),
+    function(Function.STOP_IDENTIFICATION, "Rest; the last estimate stays", accepted_in=_RUNNING),
+    function(Function.RESET_ESTIMATOR, "Back to the prior", accepted_in=_RUNNING),
+    function(Function.SETTLE_ESTIMATOR, "Settle completely and publish", accepted_in=_RUNNING),
     function(Function.REPORT_DIAGNOSIS, "Diagnose the estimate"),
     function(Function.SAVE_STATE, "Save the estimator's state now"),
-    function(Function.RESTORE_STATE, "Go back to the newest saved state", modes=_IDLE),
+    function(Function.RESTORE_STATE, "Go back to the newest saved state", accepted_in=_IDLE),
     function(
         Function.RUN_BATCH,
         "Run a batch method on stored windows",
@@ -176,7 +176,7 @@ _FUNCTIONS = (
             maximum=1e6,
             doc="newest so many seconds; 0: the parameter batch_last_s",
         ),
-        modes=_RUNNING,
+        accepted_in=_RUNNING,
     ),  # rejected as BUSY while a job runs
     function(
         Function.RUN_PLAN,
@@ -184,11 +184,13 @@ _FUNCTIONS = (
         _bounded("duration_s", Type.F32, "s", "of the motion"),
         _bounded("starts", Type.U8, "", "of the search; the best is taken"),
         _bounded("seed", Type.U16, "", "of the search; the same seed gives the same motion"),
-        modes=_RUNNING,
+        accepted_in=_RUNNING,
     ),  # rejected as BUSY while a job runs
     function(Function.ABORT_BATCH, "End the batch job"),
     function(
-        Function.ADOPT_RESULT, "Make the batch result the online estimator's prior", modes=_RUNNING
+        Function.ADOPT_RESULT,
+        "Make the batch result the online estimator's prior",
+        accepted_in=_RUNNING,
     ),
     function(
         Function.TBL_LOAD,
@@ -217,7 +219,7 @@ _FUNCTIONS = (
         "Use the validated table from the next tick on",
         _TABLE,
         Field(name="crc32", type=Type.U32, doc="of the table meant"),
-        modes=_QUIET,
+        accepted_in=_QUIET,
     ),
     function(
         Function.TBL_DUMP,
@@ -226,7 +228,9 @@ _FUNCTIONS = (
         Field(name="copy", type=Type.U8, enumeration=TABLE_COPY),
     ),
     function(Function.TBL_ABORT, "Drop the staged table", _TABLE),
-    function(Function.TBL_ROLLBACK, "Use the table before this one again", _TABLE, modes=_QUIET),
+    function(
+        Function.TBL_ROLLBACK, "Use the table before this one again", _TABLE, accepted_in=_QUIET
+    ),
     function(Function.REC_START, "Begin a recording"),
     function(Function.REC_STOP, "Close the recording"),
     function(Function.LOAD_KEYS, "Read the key files of the link again and use them"),

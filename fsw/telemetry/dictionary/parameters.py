@@ -3,7 +3,7 @@
 from fsw.telemetry.dictionary.housekeeping import HOUSEKEEPING
 from fsw.telemetry.dictionary.types import Enumeration, Parameter, Type
 
-QUIET = ("SAFE", "STANDBY")  # modes in which the online estimator is paused
+QUIET = ("SAFE", "STANDBY")  # while the online estimator is paused
 
 PARAMETERS = (
     Parameter(
@@ -72,7 +72,7 @@ PARAMETERS = (
         minimum=1e-12,
         maximum=0.099,
         doc="estimator.gate_probability; set, it stands above the configuration",
-        modes=QUIET,
+        accepted_in=QUIET,
     ),
     Parameter(
         id=11,
@@ -82,7 +82,7 @@ PARAMETERS = (
         minimum=1.0,
         maximum=1e15,
         doc="estimator.condition_limit",
-        modes=QUIET,
+        accepted_in=QUIET,
     ),
     Parameter(
         id=12,
@@ -93,7 +93,7 @@ PARAMETERS = (
         maximum=1e9,
         unit="s",
         doc="estimator.forgetting_time_s; 0: nothing is forgotten",
-        modes=QUIET,
+        accepted_in=QUIET,
     ),
     Parameter(
         id=13,
@@ -103,7 +103,7 @@ PARAMETERS = (
         minimum=1,
         maximum=1_000_000,
         doc="estimator.settle_blocks",
-        modes=QUIET,
+        accepted_in=QUIET,
     ),
 )
 PARAMETER = Enumeration(name="parameter", labels={item.id: item.name for item in PARAMETERS})

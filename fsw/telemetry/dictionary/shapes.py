@@ -18,16 +18,16 @@ ORIGIN = (  # of a telecommand, behind its source
 def telecommand(
     service: int, subtype: int, name: str, doc: str, *arguments: Field, repeats: bool = False
 ) -> Telecommand:
-    """Return a telecommand without fixed arguments, accepted in all modes."""
+    """Return a telecommand without fixed arguments, accepted in every mode."""
     return Telecommand(
         name=name, service=service, subtype=subtype, doc=doc, arguments=arguments, repeats=repeats
     )
 
 
 def function(
-    function: Function, doc: str, *arguments: Field, modes: tuple[str, ...] = ()
+    function: Function, doc: str, *arguments: Field, accepted_in: tuple[str, ...] = ()
 ) -> Telecommand:
-    """Return the telecommand of a function of service 8; `modes`: in which it is accepted."""
+    """Return the telecommand of a function of service 8; `accepted_in`: in every mode if empty."""
     number = Field(name="function_id", type=Type.U16, enumeration=FUNCTION)
     return Telecommand(
         name=function.name,
@@ -36,7 +36,7 @@ def function(
         doc=doc,
         arguments=(number, *arguments),
         match=(("function_id", int(function)),),
-        modes=modes,
+        accepted_in=accepted_in,
     )
 
 

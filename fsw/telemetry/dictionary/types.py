@@ -156,10 +156,11 @@ class Packet:
 class Telecommand:
     """One telecommand: its arguments in the order between secondary header and CRC.
 
-    `match` holds arguments with a fixed value (the function of service 8). `modes` holds the modes
-    in which it is accepted; empty: all. `verification` lists the subtypes of the success reports of
-    service 1 in order; the failure of a stage has the next subtype. `timeout_s` bounds the time
-    until the last report. `hazard` is the possible damage by a telecommand above NORMAL.
+    `match` holds arguments with a fixed value (the function of service 8). `accepted_in` names
+    the mode, one or several, in which it is accepted; empty: any. `verification` lists the subtypes
+    of the success reports of service 1 in order; the failure of a stage has the next subtype.
+    `timeout_s` bounds the time until the last report. `hazard` is the possible damage by a
+    telecommand above NORMAL.
     """
 
     name: str
@@ -168,7 +169,7 @@ class Telecommand:
     doc: str
     arguments: tuple[Field, ...] = ()
     match: tuple[tuple[str, int], ...] = ()
-    modes: tuple[str, ...] = ()
+    accepted_in: tuple[str, ...] = ()
     repeats: bool = False  # whether the first argument counts repetitions of the others
     verification: tuple[int, ...] = (1, 3, 7)
     timeout_s: float = 10.0
@@ -193,7 +194,7 @@ class Parameter:
     maximum: float
     unit: str = ""
     doc: str = ""
-    modes: tuple[str, ...] = ()  # modes in which it may be set; empty: all
+    accepted_in: tuple[str, ...] = ()  # the mode in which it may be set; empty: any
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

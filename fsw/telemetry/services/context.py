@@ -14,7 +14,7 @@ from fsw.telemetry.state.command_log import CommandLog
 from fsw.telemetry.state.epoch import Epoch
 from fsw.telemetry.state.event_reporter import EventReporter
 from fsw.telemetry.state.latest_values import LatestValues
-from fsw.telemetry.state.modes import ModeMachine
+from fsw.telemetry.state.mode_machine import ModeMachine
 from fsw.telemetry.state.parameter_values import ParameterValues
 
 
@@ -32,7 +32,7 @@ class TelemetryContext:
     boot : number and cause of this start
     reporter : reports events
     down : sends packets
-    modes : returns and changes the mode
+    mode_machine : returns and changes the mode
     latest : newest values from the loop, and the effective configuration
     parameters : on-board parameters
     log : log of commands
@@ -49,7 +49,7 @@ class TelemetryContext:
     boot: Boot
     reporter: EventReporter
     down: Downlink
-    modes: ModeMachine
+    mode_machine: ModeMachine
     latest: LatestValues
     parameters: ParameterValues
     log: CommandLog

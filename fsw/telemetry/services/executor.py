@@ -25,7 +25,7 @@ from fsw.telemetry.link.telecommands import (
 from fsw.telemetry.services.request_words import argument_words
 from fsw.telemetry.state.command_log import CommandLog, CommandRecord
 from fsw.telemetry.state.event_reporter import EventReporter
-from fsw.telemetry.state.modes import ModeMachine
+from fsw.telemetry.state.mode_machine import ModeMachine
 
 SECURITY_EVENTS = {
     Error.NOT_AUTHENTICATED: "TC_AUTH_FAILED",
@@ -99,11 +99,11 @@ class TelecommandExecutor:
     """Checks telecommands, runs their handlers and sends the reports of service 1."""
 
     def __init__(
-        self, modes: ModeMachine, down: Downlink, reporter: EventReporter, log: CommandLog
+        self, mode_machine: ModeMachine, down: Downlink, reporter: EventReporter, log: CommandLog
     ) -> None:
         self._reader = TelecommandReader()
         self._handlers: dict[str, Handler] = {}
-        self._modes, self._down, self._reporter = modes, down, reporter
+        self._mode_machine, self._down, self._reporter = mode_machine, down, reporter
         self._log = log
         self._waiting: dict[RequestId, CommandRecord] = {}
         self.counters = TcCounters()
@@ -212,8 +212,8 @@ class TelecommandExecutor:
 
     def _prepare(self, request: Request) -> Action:
         telecommand = request.telecommand
-        mode = self._modes.mode
-        if telecommand.modes and mode.name not in telecommand.modes:
+        mode = self._mode_machine.mode
+        if telecommand.accepted_in and mode.name not in telecommand.accepted_in:
             raise TcError(Error.WRONG_MODE, value=mode, text=f"{telecommand.name} in {mode.name}")
         if request.id in self._waiting:
             raise TcError(Error.BUSY, text="one of the same request id is not done yet")

@@ -25,11 +25,11 @@ ACTIONS: dict[str, tuple[str, str, CommandName | None]] = {
 
 
 class Functions:
-    """Handles the functions of identification, batch jobs, state, recorder and modes."""
+    """Handles the functions of identification, batch jobs, state, recorder and mode."""
 
     def __init__(self, context: TelemetryContext) -> None:
         self._context = context
-        self._loop, self._modes = context.loop, context.modes
+        self._loop, self._mode_machine = context.loop, context.mode_machine
         self._recording = context.host.recording
 
     def handlers(self) -> dict[str, Handler]:
@@ -59,7 +59,7 @@ class Functions:
 
     def go_safe(self) -> None:
         """Enter SAFE: pause the estimator and abort the batch job."""
-        self._modes.latch_safe()
+        self._mode_machine.latch_safe()
         orders: list[tuple[Order]] = [((CommandName.REST, {}),), ((CommandName.ABORT_BATCH, {}),)]
         for order in orders:
             try:
@@ -122,7 +122,7 @@ class Functions:
         return self._job(request, (CommandName.RUN_PLAN, args), "plan", ())
 
     def _job(self, request: Request, order: Order, method: str, bodies: tuple[str, ...]) -> Action:
-        if self._modes.mode is Mode.BATCH:
+        if self._mode_machine.mode is Mode.BATCH:
             raise TcError(Error.BUSY, text="a batch job is running")
 
         def act() -> Done:
@@ -133,7 +133,7 @@ class Functions:
 
     def _set_mode(self, request: Request) -> Action:
         wanted = Mode(request.whole("mode"))
-        if self._modes.mode is Mode.BOOT:
+        if self._mode_machine.mode is Mode.BOOT:
             raise TcError(Error.WRONG_MODE, 1, Mode.BOOT, "the loop is not up yet")
         return partial(self._go, request, wanted)
 
@@ -143,7 +143,7 @@ class Functions:
             return Done.NOW
 
         def then(_reply: Reply) -> None:
-            self._modes.leave_safe()
+            self._mode_machine.leave_safe()
 
         name = CommandName.RESUME if wanted is Mode.IDENTIFY else CommandName.REST
         return self._loop.order(request, [(name, {})], then)

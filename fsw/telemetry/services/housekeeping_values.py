@@ -38,7 +38,7 @@ class HousekeepingValues:
 def run_values(context: TelemetryContext) -> dict[str, Any]:
     """Return the fields of set 1 that describe this run of the daemon."""
     return {
-        "mode": int(context.modes.mode),
+        "mode": int(context.mode_machine.mode),
         "boot_count": context.boot.count,
         "reset_cause": context.boot.cause,
         "met_s": context.now_ns() * 1e-9,

@@ -9,7 +9,7 @@ from fsw.telemetry.link.telecommands import Request, TcError
 from fsw.telemetry.ports import Host
 from fsw.telemetry.services.executor import Done, TelecommandExecutor
 from fsw.telemetry.state.command_log import CommandRecord
-from fsw.telemetry.state.modes import ModeMachine
+from fsw.telemetry.state.mode_machine import ModeMachine
 
 FIRST_ID = 1 << 20  # the control socket uses the numbers below
 TIMEOUT_NS = 5_000_000_000
@@ -51,15 +51,17 @@ class LoopCommands:
     Parameters
     ----------
     host : forwards commands to the loop
-    modes : records the effect of commands that the loop has applied
+    mode_machine : records the effect of commands that the loop has applied
 
     Attributes
     ----------
     restart_commanded : whether the loop has accepted RESTART
     """
 
-    def __init__(self, host: Host, executor: TelecommandExecutor, modes: ModeMachine) -> None:
-        self._host, self._executor, self._modes = host, executor, modes
+    def __init__(
+        self, host: Host, executor: TelecommandExecutor, mode_machine: ModeMachine
+    ) -> None:
+        self._host, self._executor, self._mode_machine = host, executor, mode_machine
         self.restart_commanded = False
         self._waiting: dict[int, _Waiting] = {}
         self._jobs: dict[int, _Job] = {}
@@ -142,9 +144,9 @@ class LoopCommands:
     def _applied(self, name: CommandName) -> None:
         """Record the effect of a command that the loop has applied, whichever client sent it."""
         if name in (CommandName.REST, CommandName.RESUME):
-            self._modes.identifying(name is CommandName.RESUME)
+            self._mode_machine.identifying(name is CommandName.RESUME)
         elif name in JOBS:
-            self._modes.job(True)
+            self._mode_machine.job(True)
         elif name is CommandName.RESTART:
             self.restart_commanded = True
 

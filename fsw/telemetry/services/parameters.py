@@ -35,9 +35,9 @@ class Parameters:
         return Done.NOW
 
     def _set(self, request: Request) -> Action:
-        mode = self._context.modes.mode
+        mode = self._context.mode_machine.mode
         for place, (item, _) in enumerate(request.parameters, start=2):
-            if item.modes and mode.name not in item.modes:
+            if item.accepted_in and mode.name not in item.accepted_in:
                 raise TcError(Error.WRONG_MODE, place, mode, f"{item.name} in {mode.name}")
         wanted = {**self._values.commanded}
         wanted |= {item.name: value for item, value in request.parameters}

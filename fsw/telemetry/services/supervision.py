@@ -58,7 +58,7 @@ class Supervision:
         """Set mode and health bits by the loop's newest summary."""
         status = self._context.latest.status
         job = status.get("job") or {}
-        self._context.modes.summary(
+        self._context.mode_machine.summary(
             identifying=bool(status.get("identifying", True)), job=job.get("state") == "running"
         )
         if self._silent:
@@ -83,7 +83,7 @@ class Supervision:
         """Check the age of counted faults, the loop's silence and the command-loss timer."""
         for bit, counted_ns in self._counted_ns.items():
             self._stands(bit, now_ns - counted_ns < FRESH_NS)
-        if not self._silent and self._context.modes.mode is not Mode.BOOT:
+        if not self._silent and self._context.mode_machine.mode is not Mode.BOOT:
             age_s = self._context.latest.summary_age_s
             if age_s > self._silent_s:
                 self._silent = True

@@ -30,20 +30,20 @@ def at(seconds: float, flight: Flight, packet: bytes = PING) -> dict:
 class TestModes:
     def test_before_the_loop_speaks_it_is_boot(self, arm: ArmProject):
         flight = Flight(flight_config(arm))
-        assert flight.app.modes.mode is Mode.BOOT
+        assert flight.app.mode_machine.mode is Mode.BOOT
         assert flight.refused("START_IDENTIFICATION", {"unknown": 0}) is Error.WRONG_MODE
         assert flight.refused("SET_MODE", {"mode": "SAFE"}) is Error.WRONG_MODE
 
     def test_a_mode_is_what_is_so_not_what_was_asked_for(self, flight: Flight):
         flight.send("SET_MODE", {"mode": "STANDBY"})
-        assert flight.app.modes.mode is Mode.IDENTIFY
+        assert flight.app.mode_machine.mode is Mode.IDENTIFY
         flight.answer()
-        assert flight.app.modes.mode is Mode.STANDBY
+        assert flight.app.mode_machine.mode is Mode.STANDBY
         flight.up(identifying=False)  # the summary behind the reply
         flight.up(identifying=True)  # somebody at the local socket
-        assert flight.app.modes.mode is Mode.IDENTIFY
+        assert flight.app.mode_machine.mode is Mode.IDENTIFY
         flight.app.job(JobReport(id=3, state="running", progress=0.1))
-        assert flight.app.modes.mode is Mode.BATCH
+        assert flight.app.mode_machine.mode is Mode.BATCH
         flight.app.job(JobReport(id=3, state="failed", progress=0.1))
         assert flight.codes.count("MODE_CHANGED") == 5
 
@@ -52,12 +52,12 @@ class TestModes:
         assert [c.name for c in flight.commands] == [CommandName.REST, CommandName.ABORT_BATCH]
         flight.commands.clear()
         flight.up(identifying=False)
-        assert flight.app.modes.mode is Mode.SAFE
+        assert flight.app.mode_machine.mode is Mode.SAFE
         assert flight.refused("START_IDENTIFICATION", {"unknown": 0}) is Error.WRONG_MODE
         flight.send("SET_MODE", {"mode": "IDENTIFY"})
         assert flight.commands[0].name is CommandName.RESUME
         flight.answer()
-        assert flight.app.modes.mode is Mode.IDENTIFY
+        assert flight.app.mode_machine.mode is Mode.IDENTIFY
 
     def test_a_daemon_that_starts_safe_stays_safe_though_a_state_was_identifying(
         self, arm: ArmProject
@@ -65,7 +65,7 @@ class TestModes:
         flight = Flight(flight_config(arm, start_mode="safe"))
         flight.up(identifying=True)
         assert flight.commands[0].name is CommandName.REST
-        assert flight.app.modes.mode is Mode.SAFE
+        assert flight.app.mode_machine.mode is Mode.SAFE
 
 
 class TestHealth:
@@ -131,14 +131,14 @@ class TestCommandLoss:
         set_values(flight, {1: 30.0})
         flight.wait(29.0)
         flight.up()
-        assert flight.app.modes.mode is Mode.IDENTIFY
+        assert flight.app.mode_machine.mode is Mode.IDENTIFY
         flight.app.supervision.commanded()
         flight.wait(31.0)
-        assert flight.app.modes.mode is Mode.SAFE
+        assert flight.app.mode_machine.mode is Mode.SAFE
         assert flight.codes.count("COMMAND_LOSS") == 1
         flight.app.supervision.commanded()
         assert flight.codes[-1] == "COMMAND_BACK"
-        assert flight.app.modes.mode is Mode.SAFE
+        assert flight.app.mode_machine.mode is Mode.SAFE
 
 
 MONITORS = b"""
@@ -170,7 +170,7 @@ class TestMonitors:
         watched.wait(0.4)
         told = watched.last("check_transition")
         assert (told["monitor"], told["found"], told["limit"], told["now"]) == (1, 11.0, 10.0, 3)
-        assert watched.app.modes.mode is Mode.SAFE
+        assert watched.app.mode_machine.mode is Mode.SAFE
         watched.send("SET_MODE", {"mode": "STANDBY"})
         watched.commands = watched.commands[-1:]
         watched.answer()
@@ -181,7 +181,7 @@ class TestMonitors:
         watched.wait(1.0)
         assert watched.codes.count("LIMIT_VIOLATED") == 2
         assert watched.codes.count("LIMIT_ACTION") == 1
-        assert watched.app.modes.mode is not Mode.SAFE
+        assert watched.app.mode_machine.mode is not Mode.SAFE
 
     def test_what_was_never_heard_is_stale(self, watched: Flight):
         watched.wait(0.4)
@@ -270,6 +270,6 @@ class TestSchedule:
         )
         assert flight.send("INSERT_ACTIVITY", at(1.0, flight, start)) == DONE
         flight.app.event(Event(0, "info", "STOPPED", ""))
-        flight.app.modes.latch_safe()
+        flight.app.mode_machine.latch_safe()
         flight.wait(2.0)
         assert flight.error() is Error.WRONG_MODE

@@ -10,7 +10,7 @@ from fsw.telemetry.dictionary import DICTIONARY
 from fsw.telemetry.dictionary.codes import Error
 from fsw.telemetry.link.packets import parameters_data, telecommand_packet
 from fsw.telemetry.link.telecommands import TcError, TelecommandReader
-from fsw.telemetry.state.modes import ModeMachine
+from fsw.telemetry.state.mode_machine import ModeMachine
 from tests.support.application_cases import BEGUN, Flight
 
 PING = telecommand_packet(DICTIONARY.telecommand("PING"), {}, 1)

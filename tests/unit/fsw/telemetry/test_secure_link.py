@@ -92,13 +92,13 @@ def test_a_telecommand_in_clear_is_refused(secured):
 
 def test_no_tampered_byte_gets_through(secured):
     frame = SENDER.frame(packet("SET_MODE", mode=1), 0)
-    mode = secured.flight.app.modes.mode
+    mode = secured.flight.app.mode_machine.mode
     for at in range(len(frame) - 2):
         spoiled = bytearray(frame[:-2])
         spoiled[at] ^= 0x10
         secured.take(with_fecf(bytes(spoiled)) + bytes(1024))
     assert secured.counts["accepted"] == 0
-    assert secured.flight.app.modes.mode is mode
+    assert secured.flight.app.mode_machine.mode is mode
     assert secured.take(SENDER.frame(packet(), 0))[0] == "acceptance_success"
 
 

@@ -188,7 +188,7 @@ def test_identification_is_started_for_other_bodies_and_stopped(flight):
     assert flight.packets[-1].packet.name == "completion_success"
     flight.send("STOP_IDENTIFICATION")
     flight.answer()
-    assert flight.app.modes.mode is Mode.STANDBY
+    assert flight.app.mode_machine.mode is Mode.STANDBY
 
 
 def test_the_diagnosis_comes_before_its_completion(flight):
@@ -218,13 +218,13 @@ def test_a_batch_job_is_followed_to_its_end(flight):
     command = flight.commands[0]
     assert command.args == {"method": "rda", "unknown": ["target"], "last_s": 30.0}
     flight.answer()
-    assert flight.app.modes.mode is Mode.BATCH
+    assert flight.app.mode_machine.mode is Mode.BATCH
     for done in (0.02, 0.3, 0.31, 0.9):
         flight.app.job(JobReport(id=command.id, state="running", progress=done, text="step"))
     assert [v["step"] for v in flight.all("progress_success")] == [30, 90]
     result = {"method": "rda", "unknown": ["target"], "status": "OK", "cost": 5.0}
     flight.app.job(JobReport(id=command.id, state="done", progress=1.0, result=result))
-    assert flight.app.modes.mode is Mode.IDENTIFY
+    assert flight.app.mode_machine.mode is Mode.IDENTIFY
     names = [p.packet.name for p in flight.packets]
     assert "completion_success" in names
     flight.send("REPORT_SET", {"sid": 5})
@@ -238,7 +238,7 @@ def test_a_planned_motion_is_followed_like_a_batch_job(flight):
     command = flight.commands[0]
     assert (command.name, command.args) == ("run_plan", asked)
     flight.answer()
-    assert flight.app.modes.mode is Mode.BATCH
+    assert flight.app.mode_machine.mode is Mode.BATCH
     flight.app.job(JobReport(id=command.id, state="running", progress=0.4, text="start 1 of 2"))
     assert [v["step"] for v in flight.all("progress_success")] == [40]
     ten = {"mass_kg": 0.5, "com_m": [0.1] * 3, "inertia_kg_m2": [0.2] * 6}

@@ -31,6 +31,13 @@ from tests.support.estimator_cases import (
     true_block,
 )
 from tests.support.one_block import fused_rows, mrnea_rows
+from tests.support.slopes import (
+    assert_row_slopes,
+    assert_state_slopes,
+    named,
+    off_the_prior,
+    predicted_fields,
+)
 from tests.support.wheel_cases import wheel_settings
 from tests.support.wrench_cases import with_wrist, wrist_problem
 
@@ -56,16 +63,14 @@ def with_delays(
 def problem_and_state(*, doubt: bool = True, **options: Any) -> tuple[Problem, np.ndarray]:
     problem = build_problem(with_delays(make_config(doubt=doubt, **options)), robot_model())
     problem = replace(problem, angles_are_noisy=True)
-    sigma, x = np.sqrt(np.diag(problem.prior_covariance)), problem.prior_mean.copy()
-    free = slice(problem.bodies.stop, len(x))
-    x[free] += sigma[free] * np.random.default_rng(3).normal(size=len(x[free]))
+    x = off_the_prior(problem)
     x[problem.inertial] = problem.prior_mean[problem.inertial]
     return problem, x
 
 
 def own_columns(problem: Problem) -> list[int]:
     kinds = (*KINDS, "torque_scale", "torque_offset", "joint_zero", "gyro_bias", "imu_angle")
-    return [k for k, name in enumerate(problem.names) if name.startswith(kinds)]
+    return named(problem, *kinds)
 
 
 def whole(at: Prediction) -> np.ndarray:
@@ -75,32 +80,30 @@ def whole(at: Prediction) -> np.ndarray:
 @pytest.mark.parametrize("rate", ["momentum", "measured"])
 def test_predictions_derivatives_by_the_state(rate: Any) -> None:
     problem, x = problem_and_state()
-    block, h = random_block(2), 1e-6
-    channels = slice(0, N + 6 if rate == "momentum" else N + 3)
-    J = predict(block, x, problem, rate).J[:, channels]
-    assert sum(name.startswith(KINDS) for name in problem.names) == N + 2 + 2
-    for k in own_columns(problem):
-        up, down = (
-            whole(predict(block, x + s * np.eye(len(x))[k], problem, rate)) for s in (h, -h)
-        )
-        expected = (up - down)[:, channels] / (2 * h)
-        assert np.abs(J[:, :, k] - expected).max() <= 1e-5 * np.abs(expected).max() + 1e-9, k
+    block = random_block(2)
+    assert len(named(problem, *KINDS)) == N + 2 + 2
+    assert_state_slopes(
+        lambda x: predict(block, x, problem, rate),
+        *(x, 1e-6),
+        rtol=0.0,
+        of_slope=1e-5,
+        absolute=1e-9,
+        fields=predicted_fields(rate),
+        states=own_columns(problem),
+    )
 
 
 def test_rows_are_those_of_the_readings_without_delay() -> None:
     """Where the readings are as predicted, A = -db/dx: the weights follow the state, b is zero."""
     problem, x = problem_and_state(doubt=False)
     exact = replace(problem, angles_are_noisy=False)
-    at, h = predict(random_block(2), x, exact), 1e-6
+    at = predict(random_block(2), x, exact)
     block = replace(
         random_block(2), tau_nm=at.tau_nm, f_NS_B_m_s2=at.f_m_s2, w_NB_B_rad_s=at.w_rad_s
     )
-    rows = fused_rows(block, x, exact)
-    assert np.abs(rows.b).max() < 1e-9
-    for k in own_columns(exact):
-        b = [fused_rows(block, x + s * np.eye(len(x))[k], exact).b for s in (h, -h)]
-        expected = (b[1] - b[0]) / (2 * h)
-        assert np.abs(rows.A[:, k] - expected).max() <= 1e-5 * np.abs(expected).max(), k
+    assert np.abs(fused_rows(block, x, exact).b).max() < 1e-9
+    own = own_columns(exact)
+    assert_row_slopes(lambda x: fused_rows(block, x, exact), x, 1e-6, own, of_slope=1e-5)
 
 
 def test_rows_of_the_regression() -> None:

@@ -10,8 +10,14 @@ from fsw.config import Config
 from fsw.estimators.measurement.fused import predict
 from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.problem import Problem
-from fsw.messages import Block
-from tests.support.estimator_cases import NODES, N, make_config, random_block, robot_model
+from tests.support.estimator_cases import N, make_config, noisy_angles, random_block, robot_model
+from tests.support.slopes import (
+    TORQUE,
+    assert_motion_slopes,
+    assert_state_slopes,
+    named,
+    off_the_prior,
+)
 
 HELD = {"motion": "clamped", "gravity_B_m_s2": [0.0, 0.0, -9.81]}
 KEYS = {
@@ -32,47 +38,28 @@ def loaded(**keys: Any) -> Config:
 
 def problem_and_state() -> tuple[Problem, np.ndarray]:
     problem = replace(build_problem(loaded(), robot_model()), angles_are_noisy=True)
-    sigma, x = np.sqrt(np.diag(problem.prior_covariance)), problem.prior_mean.copy()
-    free = slice(problem.bodies.stop, len(x))
-    x[free] += sigma[free] * np.random.default_rng(3).normal(size=len(x[free]))
-    return problem, x
-
-
-def noisy_angles() -> Block:
-    """Return a block that has the covariance of angles, correlated with rates."""
-    block, size = random_block(2), 3 * NODES
-    root = 1e-3 * np.random.default_rng(5).normal(size=(N, size, size))
-    return replace(block, cov_joint=root @ root.transpose(0, 2, 1))
+    return problem, off_the_prior(problem)
 
 
 @pytest.mark.parametrize("rate", ["momentum", "measured"])
 def test_derivatives_by_the_state(rate: Any) -> None:
     problem, x = problem_and_state()
-    block, h = noisy_angles(), 1e-6
-    at = predict(block, x, problem, rate)
-    J, rounding = at.J_tau, 1e-15 * np.abs(at.tau_nm).max() / h
-    assert sum(name.startswith("friction_load.") for name in problem.names) == N
-    for k in range(len(x)):
-        up, down = (predict(block, x + s * np.eye(len(x))[k], problem, rate) for s in (h, -h))
-        expected = (up.tau_nm - down.tau_nm) / (2 * h)
-        off = np.abs(J[:, :, k] - expected).max()
-        assert off <= 1e-5 * np.abs(expected).max() + 2.0 * rounding, problem.names[k]
+    block = noisy_angles()
+    assert len(named(problem, "friction_load.")) == N
+    assert_state_slopes(
+        lambda x: predict(block, x, problem, rate),
+        *(x, 1e-6),
+        rtol=0.0,
+        of_slope=1e-5,
+        rounding=2e-15,
+        fields=TORQUE,
+    )
 
 
 @pytest.mark.parametrize(("key", "gain"), [("q_rad", "D_q"), ("qdd_rad_s2", "D_qdd")])
 def test_derivatives_by_the_motion(key: str, gain: str) -> None:
     problem, x = problem_and_state()
-    block, h = noisy_angles(), 1e-6
-    D = getattr(predict(block, x, problem, "momentum"), gain)[:, :N]
-    for j in range(N):
-        step = np.zeros((NODES, N))
-        step[:, j] = h
-        up, down = (
-            predict(replace(block, **{key: getattr(block, key) + s * step}), x, problem, "momentum")
-            for s in (1.0, -1.0)
-        )
-        expected = (up.tau_nm - down.tau_nm) / (2 * h)
-        assert np.abs(D[:, :, j] - expected).max() <= 1e-5 * np.abs(D).max()
+    assert_motion_slopes(lambda block: predict(block, x, problem), noisy_angles(), key, gain)
 
 
 def test_a_gear_takes_its_share_both_ways() -> None:

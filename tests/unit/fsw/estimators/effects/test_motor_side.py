@@ -14,9 +14,23 @@ from fsw.estimators.measurement.fused import predict
 from fsw.estimators.measurement.motion_noise import residual_covariance
 from fsw.estimators.model.building import build_problem
 from fsw.estimators.model.problem import Problem
-from fsw.messages import Block
-from tests.support.estimator_cases import NODES, N, make_config, random_block, robot_model
+from tests.support.estimator_cases import (
+    NODES,
+    N,
+    make_config,
+    noisy_angles,
+    random_block,
+    robot_model,
+)
 from tests.support.one_block import energy_rows, mrnea_rows
+from tests.support.slopes import (
+    TORQUE,
+    assert_motion_slopes,
+    assert_row_slopes,
+    assert_state_slopes,
+    named,
+    off_the_prior,
+)
 
 PERIODS = (2.0, 160.0)
 KEYS = {
@@ -39,37 +53,30 @@ def problem_and_state(*, doubt: bool = True, everywhere: bool = True) -> tuple[P
     joints = range(N) if everywhere else (1, 4)
     config = with_joints(make_config(doubt=doubt), *joints, **KEYS)
     problem = replace(build_problem(config, robot_model()), angles_are_noisy=True)
-    sigma, x = np.sqrt(np.diag(problem.prior_covariance)), problem.prior_mean.copy()
-    free = slice(problem.bodies.stop, len(x))
-    x[free] += sigma[free] * np.random.default_rng(3).normal(size=len(x[free]))
+    x = off_the_prior(problem)
     x[problem.inertial] = problem.prior_mean[problem.inertial]
     return problem, x
 
 
-def noisy_angles() -> Block:
-    """Return a block that has the covariance of angles, correlated with rates."""
-    block, size = random_block(2), 3 * NODES
-    root = 1e-3 * np.random.default_rng(5).normal(size=(N, size, size))
-    return replace(block, cov_joint=root @ root.transpose(0, 2, 1))
-
-
 def own_columns(problem: Problem) -> list[int]:
-    kinds = ("rotor_inertia", "ripple", "torque_scale", "joint_zero")
-    return [k for k, name in enumerate(problem.names) if name.startswith(kinds)]
+    return named(problem, "rotor_inertia", "ripple", "torque_scale", "joint_zero")
 
 
 @pytest.mark.parametrize("everywhere", [True, False])
 @pytest.mark.parametrize("rate", ["momentum", "measured"])
 def test_predictions_derivatives_by_the_state(rate: Any, everywhere: bool) -> None:
     problem, x = problem_and_state(everywhere=everywhere)
-    block, h = noisy_angles(), 1e-6
-    J = predict(block, x, problem, rate).J_tau
-    own = own_columns(problem)
+    block, own = noisy_angles(), own_columns(problem)
     assert len(own) >= (N if everywhere else 2) * 5
-    for k in own:
-        up, down = (predict(block, x + s * np.eye(len(x))[k], problem, rate) for s in (h, -h))
-        expected = (up.tau_nm - down.tau_nm) / (2 * h)
-        assert np.abs(J[:, :, k] - expected).max() <= 1e-5 * np.abs(expected).max() + 1e-9, k
+    assert_state_slopes(
+        lambda x: predict(block, x, problem, rate),
+        *(x, 1e-6),
+        rtol=0.0,
+        of_slope=1e-5,
+        absolute=1e-9,
+        fields=TORQUE,
+        states=own,
+    )
 
 
 @pytest.mark.parametrize(
@@ -77,17 +84,7 @@ def test_predictions_derivatives_by_the_state(rate: Any, everywhere: bool) -> No
 )
 def test_predictions_derivatives_by_the_motion(key: str, gain: str) -> None:
     problem, x = problem_and_state()
-    block, h = noisy_angles(), 1e-6
-    D = getattr(predict(block, x, problem, "momentum"), gain)[:, :N]
-    for j in range(N):
-        step = np.zeros((NODES, N))
-        step[:, j] = h
-        up, down = (
-            predict(replace(block, **{key: getattr(block, key) + s * step}), x, problem, "momentum")
-            for s in (1.0, -1.0)
-        )
-        expected = (up.tau_nm - down.tau_nm) / (2 * h)
-        assert np.abs(D[:, :, j] - expected).max() <= 1e-5 * np.abs(D).max()
+    assert_motion_slopes(lambda block: predict(block, x, problem), noisy_angles(), key, gain)
 
 
 def test_noise_of_acceleration_counts_through_the_rotor() -> None:
@@ -117,20 +114,11 @@ def test_noise_of_acceleration_counts_through_the_rotor() -> None:
 
 def test_rows_of_the_regression_and_of_energy() -> None:
     problem, x = problem_and_state(doubt=False)
-    block, h = random_block(4), 1e-6
-    own = [k for k in own_columns(problem) if problem.names[k].startswith(("rotor", "ripple"))]
-    A = mrnea_rows(block, x, problem, "ols").A
+    block, own = random_block(4), named(problem, "rotor", "ripple")
     quiet = replace(block, cov_tau=1e12 * block.cov_tau)
     spans = replace(quiet, t_ns=np.rint(2e8 * (1.0 + gauss_nodes(NODES))).astype(np.int64))
-    E = energy_rows(spans, x, problem).A
-    for k in own:
-        steps = [x + s * np.eye(len(x))[k] for s in (h, -h)]
-        b = [mrnea_rows(block, at, problem, "ols").b for at in steps]
-        expected = (b[1] - b[0]) / (2 * h)
-        assert np.abs(A[:, k] - expected).max() <= 1e-5 * np.abs(expected).max()
-        b = [energy_rows(spans, at, problem).b for at in steps]
-        expected = (b[1] - b[0]) / (2 * h)
-        assert np.abs(E[:, k] - expected).max() <= 1e-4 * np.abs(expected).max()
+    assert_row_slopes(lambda x: mrnea_rows(block, x, problem, "ols"), x, 1e-6, own, of_slope=1e-5)
+    assert_row_slopes(lambda x: energy_rows(spans, x, problem), x, 1e-6, own, of_slope=1e-4)
 
 
 def test_motor_current_is_wide_by_default_and_says_so() -> None:

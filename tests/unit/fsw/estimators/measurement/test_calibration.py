@@ -23,6 +23,13 @@ from tests.support.estimator_cases import (
     robot_model,
 )
 from tests.support.one_block import mrnea_rows
+from tests.support.slopes import (
+    assert_row_slopes,
+    assert_state_slopes,
+    named,
+    off_the_prior,
+    predicted_fields,
+)
 
 KINDS = ("known", "joint_zero", "imu_place", "imu_angle", "torque_scale", "gyro_bias", "gyro_scale")
 KINDS = (*KINDS, "gyro_axes")
@@ -31,15 +38,7 @@ KINDS = (*KINDS, "gyro_axes")
 def problem_and_state(unknown: tuple[str, ...], size: float) -> tuple[Problem, np.ndarray]:
     """Return a problem with everything in doubt, and a state off by some sigmas."""
     problem = build_problem(make_config(unknown, doubt=True), robot_model())
-    x = problem.prior_mean.copy()
-    sigma = np.sqrt(np.diag(problem.prior_covariance))
-    draws = np.random.default_rng(3).normal(size=len(x))
-    x[problem.bodies.stop :] += size * (sigma * draws)[problem.bodies.stop :]
-    return problem, x
-
-
-def columns(problem: Problem) -> list[int]:
-    return [k for k, name in enumerate(problem.names) if name.startswith(KINDS)]
+    return problem, off_the_prior(problem, size)
 
 
 @pytest.mark.parametrize("rate", ["momentum", "measured"])
@@ -47,33 +46,28 @@ def columns(problem: Problem) -> list[int]:
 def test_predictions_derivatives(unknown: tuple[str, ...], size: float, rate: Any) -> None:
     problem, x = problem_and_state(unknown, size)
     block = random_block(2)
-    J = predict(block, x, problem, rate).J
-    for k in columns(problem):
-        h = 1e-5
-        up, down = (predict(block, x + step * np.eye(len(x))[k], problem, rate) for step in (h, -h))
-        channels = ("tau_nm", "f_m_s2") if rate == "measured" else ("tau_nm", "f_m_s2", "w_rad_s")
-        for name, first in zip(channels, (0, 7, 10), strict=False):
-            expected = (getattr(up, name) - getattr(down, name)) / (2 * h)
-            got = J[:, first : first + expected.shape[1], k]
-            rounding = 1e-13 * np.abs(getattr(up, name)).max() / h
-            bound = 2e-6 * np.abs(expected).max() + 10 * rounding
-            assert np.abs(got - expected).max() <= bound, (name, problem.names[k])
+    assert_state_slopes(
+        lambda x: predict(block, x, problem, rate),
+        *(x, 1e-5),
+        rtol=0.0,
+        of_slope=2e-6,
+        rounding=1e-12,
+        fields=predicted_fields(rate),
+        states=named(problem, *KINDS),
+    )
 
 
 def test_regression_rows_derivatives() -> None:
-    """Unit weights (ols): A = -db/dx for every column, whatever the residual."""
+    """Unit weights (ols): A = -db/dx for every column, whatever the residual.
+
+    The scale's column holds the measured torque, its residual the same over 1 + scale.
+    """
     problem, x = problem_and_state(("target",), 2.0)
     x[problem.inertial] = problem.prior_mean[problem.inertial]  # where these rows take H
-    block = random_block(4)
-    A = mrnea_rows(block, x, problem, "ols").A
-    for k in columns(problem):
-        h = 1e-5
-        b = [mrnea_rows(block, x + step * np.eye(len(x))[k], problem, "ols").b for step in (h, -h)]
-        expected = (b[1] - b[0]) / (2 * h)
-        rounding = 1e-13 * np.abs(b[0]).max() / h
-        # the scale's column holds the measured torque, its residual the same over 1 + scale
-        bound = 2e-6 * np.abs(expected).max() + 10 * rounding
-        assert np.abs(A[:, k] - expected).max() <= bound, problem.names[k]
+    block, own = random_block(4), named(problem, *KINDS)
+    assert_row_slopes(
+        lambda x: mrnea_rows(block, x, problem, "ols"), x, 1e-5, own, of_slope=2e-6, rounding=1e-12
+    )
 
 
 def test_what_is_exact_is_no_state() -> None:

@@ -16,6 +16,13 @@ from fsw.estimators.model.problem import Problem
 from fsw.messages import Block
 from tests.support.estimator_cases import NODES, N, make_config, random_block, robot_model
 from tests.support.one_block import energy_rows, mrnea_rows
+from tests.support.slopes import (
+    TORQUE,
+    assert_row_slopes,
+    assert_state_slopes,
+    named,
+    off_the_prior,
+)
 
 SPEED = 0.05
 
@@ -33,12 +40,7 @@ def with_friction(config: Config, coulomb: float = 0.3, viscous: float = 0.5) ->
 
 def problem_and_state(*, doubt: bool = True) -> tuple[Problem, np.ndarray]:
     problem = build_problem(with_friction(make_config(doubt=doubt)), robot_model())
-    sigma = np.sqrt(np.diag(problem.prior_covariance))
-    x = problem.prior_mean.copy()
-    size = len(x) - problem.bodies.stop
-    x[problem.bodies.stop :] += sigma[problem.bodies.stop :] * np.random.default_rng(3).normal(
-        size=size
-    )
+    x = off_the_prior(problem)
     x[problem.inertial] = problem.prior_mean[problem.inertial]
     return problem, x
 
@@ -50,20 +52,18 @@ def reversing_block() -> Block:
     return replace(block, qd_rad_s=0.2 * (nodes[:, None] - at))
 
 
-def columns(problem: Problem) -> list[int]:
-    names = problem.names
-    return [k for k, name in enumerate(names) if name.startswith(("friction", "torque"))]
-
-
 @pytest.mark.parametrize("block", [random_block(2), reversing_block()])
 @pytest.mark.parametrize("rate", ["momentum", "measured"])
 def test_predictions_derivatives_by_the_state(block: Block, rate: Any) -> None:
     problem, x = problem_and_state()
-    J, h = predict(block, x, problem, rate).J_tau, 1e-5
-    for k in columns(problem):
-        up, down = (predict(block, x + s * np.eye(len(x))[k], problem, rate) for s in (h, -h))
-        expected = (up.tau_nm - down.tau_nm) / (2 * h)
-        assert np.abs(J[:, :, k] - expected).max() <= 1e-6 * np.abs(expected).max(), k
+    assert_state_slopes(
+        lambda x: predict(block, x, problem, rate),
+        *(x, 1e-5),
+        rtol=0.0,
+        of_slope=1e-6,
+        fields=TORQUE,
+        states=named(problem, "friction", "torque"),
+    )
 
 
 @pytest.mark.parametrize("block", [random_block(2), reversing_block()])
@@ -86,22 +86,13 @@ def test_predictions_derivative_by_a_nodes_own_rate(block: Block) -> None:
 def test_rows_of_the_regression_and_of_energy(block: Block) -> None:
     """Where weights do not follow the state A = -db/dx."""
     problem, x = problem_and_state(doubt=False)
-    h = 1e-5
-    own = [k for k in columns(problem) if problem.names[k].startswith("friction")]
+    own = named(problem, "friction")
     assert len(own) == 2 * N
-    A = mrnea_rows(block, x, problem, "ols").A
-    for k in own:
-        b = [mrnea_rows(block, x + s * np.eye(len(x))[k], problem, "ols").b for s in (h, -h)]
-        expected = (b[1] - b[0]) / (2 * h)
-        assert np.abs(A[:, k] - expected).max() <= 1e-6 * np.abs(expected).max()
+    assert_row_slopes(lambda x: mrnea_rows(block, x, problem, "ols"), x, 1e-5, own, of_slope=1e-6)
     # torque so noisy that the weights do not follow the state
     quiet = replace(block, cov_tau=1e12 * block.cov_tau)
     spans = replace(quiet, t_ns=np.rint(2e8 * (1.0 + gauss_nodes(NODES))).astype(np.int64))
-    A = energy_rows(spans, x, problem).A
-    for k in own:
-        b = [energy_rows(spans, x + s * np.eye(len(x))[k], problem).b for s in (h, -h)]
-        expected = (b[1] - b[0]) / (2 * h)
-        assert np.abs(A[:, k] - expected).max() <= 1e-5 * np.abs(expected).max()
+    assert_row_slopes(lambda x: energy_rows(spans, x, problem), x, 1e-5, own, of_slope=1e-5)
 
 
 def test_shape_is_the_windows_fit_of_many_samples() -> None:

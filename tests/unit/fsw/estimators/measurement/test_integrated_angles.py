@@ -13,6 +13,7 @@ from fsw.estimators.model.walks import STEPS
 from fsw.messages import Block
 from tests.support.estimator_cases import NODES, N, random_block, robot_model
 from tests.support.one_block import fused_rows, mrnea_rows
+from tests.support.slopes import assert_row_slopes, assert_state_slopes, named, predicted_fields
 from tests.support.speed_cases import TURNING, speed_config
 
 
@@ -32,26 +33,19 @@ def state(problem: Problem) -> np.ndarray:
     return x
 
 
-def columns(problem: Problem) -> list[int]:
-    return [k for k, name in enumerate(problem.names) if name.startswith(("joint_zero", "joint_w"))]
-
-
 @pytest.mark.parametrize("rate", ["momentum", "measured"])
 @pytest.mark.parametrize("unknown", [("target",), ("base",)])
 def test_predictions_derivatives(unknown: tuple[str, ...], rate: Any) -> None:
     problem, block = case(unknown)
-    x = state(problem)
-    J = predict(block, x, problem, rate).J
-    for k in columns(problem):
-        h = 1e-5
-        up, down = (predict(block, x + step * np.eye(len(x))[k], problem, rate) for step in (h, -h))
-        channels = ("tau_nm", "f_m_s2") if rate == "measured" else ("tau_nm", "f_m_s2", "w_rad_s")
-        for name, first in zip(channels, (0, N, N + 3), strict=False):
-            expected = (getattr(up, name) - getattr(down, name)) / (2 * h)
-            got = J[:, first : first + expected.shape[1], k]
-            rounding = 1e-13 * np.abs(getattr(up, name)).max() / h
-            bound = 2e-6 * np.abs(expected).max() + 10 * rounding
-            assert np.abs(got - expected).max() <= bound, (name, problem.names[k])
+    assert_state_slopes(
+        lambda x: predict(block, x, problem, rate),
+        *(state(problem), 1e-5),
+        rtol=0.0,
+        of_slope=2e-6,
+        rounding=1e-12,
+        fields=predicted_fields(rate),
+        states=named(problem, "joint_zero", "joint_w"),
+    )
 
 
 def test_steps_behind_the_walk_do_nothing_and_those_before_it_all() -> None:
@@ -67,14 +61,10 @@ def test_steps_behind_the_walk_do_nothing_and_those_before_it_all() -> None:
 
 def test_regression_rows_derivatives() -> None:
     problem, block = case()
-    x = state(problem)
-    A = mrnea_rows(block, x, problem, "ols").A
-    for k in columns(problem):
-        h = 1e-5
-        b = [mrnea_rows(block, x + step * np.eye(len(x))[k], problem, "ols").b for step in (h, -h)]
-        expected = (b[1] - b[0]) / (2 * h)
-        bound = 2e-6 * np.abs(expected).max() + 1e-12 * np.abs(b[0]).max() / h
-        assert np.abs(A[:, k] - expected).max() <= bound, problem.names[k]
+    x, own = state(problem), named(problem, "joint_zero", "joint_w")
+    assert_row_slopes(
+        lambda x: mrnea_rows(block, x, problem, "ols"), x, 1e-5, own, of_slope=2e-6, rounding=1e-12
+    )
 
 
 def test_a_bridge_is_noise_of_the_angle() -> None:
