@@ -28,7 +28,7 @@ def is_log(path: Path) -> bool:
 
 def lacking(config: Config) -> list[str]:
     """Return the arguments of `fsw import` that a configuration needs beside one CAN log."""
-    lines = ["imu"] * config.imu.present + ["star_tracker"] * (config.star_tracker is not None)
+    lines = [own.name for own in config.sensors if own.bus is None]
     others = [f"--can {bus.name}=FILE" for bus in config.buses[1:]]
     return [*others, *(f"--serial {line}=FILE" for line in lines)]
 

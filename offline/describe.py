@@ -7,7 +7,7 @@ import numpy as np
 from fsw.checks import budget
 from fsw.config import BaseConfig, BodyConfig, BusConfig, Config
 from fsw.config.joints import minute_walk
-from fsw.drivers.layout.joints import in_words, layouts_of
+from fsw.drivers.layout.joints import all_layouts, in_words
 from fsw.estimators.effects.registered import ON_BASE
 from fsw.estimators.model.inertia import PARAMETERS
 from fsw.estimators.model.problem import Problem
@@ -113,7 +113,7 @@ def _buses(config: Config) -> list[str]:
         ]
         load = budget.bus_load(config, bus)
         assumed = "" if bus.bitrate else f" at an assumed {budget.ASSUMED_BITRATE} bit/s"
-        layouts = layouts_of(config, bus)
+        layouts = all_layouts(config, bus)
         share = "not predicted" if layouts else f"{load:.0%}{assumed}"
         counter = f", counter 1..{bus.sync_counter_max}" * (bus.sync != "none")
         lines.append(
@@ -121,7 +121,7 @@ def _buses(config: Config) -> list[str]:
             f"{bus.sync}, {bus.rate_hz:g} Hz{counter}; worst-case load {share}; topic "
             f"/can/{bus.name}"
         )
-        described = [f"  {in_words(config.joints[i], own)}" for i, own in layouts.items()]
+        described = [f"  {in_words(config.bus_devices[at], own)}" for at, own in layouts.items()]
         lines += described or [f"  nodes {', '.join(nodes) or 'none'}"]
     return lines
 
@@ -146,7 +146,7 @@ def _serial(config: Config) -> list[str]:
     shortest, longest = budget.imu_load(imu)
     lines = ["no inertial unit"]
     if imu.present and imu.bus is not None:
-        lines = [f"imu: on feed {imu.bus}, {imu.rate_hz:g} Hz"]
+        lines = [f"imu: {imu.driver} on {imu.bus}, {imu.rate_hz:g} Hz"]
     elif imu.present:
         delays = f"gyro {imu.gyro_group_delay_s * 1e3:g} ms, accelerometer "
         lines = [
@@ -157,7 +157,7 @@ def _serial(config: Config) -> list[str]:
     if tracker is None:
         lines.append("star_tracker: none")
     elif tracker.bus is not None:
-        lines.append(f"star_tracker: on feed {tracker.bus}, {tracker.rate_hz:g} Hz")
+        lines.append(f"star_tracker: {tracker.driver} on {tracker.bus}, {tracker.rate_hz:g} Hz")
     else:
         lines.append(
             f"star_tracker: {tracker.driver} on {tracker.port}, {tracker.baud_rate} bit/s, "

@@ -33,9 +33,7 @@ from fsw.exchange.recording import (
 from fsw.exchange.recording_parts import contents_of, parts_of
 from fsw.exchange.restart import Mode, Restart
 from fsw.exchange.sinks import (
-    IMU,
     JOINTS,
-    STAR_TRACKER,
     BatchEnd,
     CanTraffic,
     Fanout,
@@ -300,7 +298,6 @@ def doubts_of(recording: Path, config: Config) -> list[str]:
 
 def topics_of(config: Config, held: Sequence[str]) -> list[str]:
     """Return the channels to replay: decoded samples of a source if recorded, else raw traffic."""
-    devices = {IMU: config.imu if config.imu.present else None, STAR_TRACKER: config.star_tracker}
     on_feed = {bus.name for bus in config.buses if bus.feed is not None}
     sampled = [name for name in DEVICE_SAMPLES if getattr(config, name)]
     joints = f"{SAMPLES}{JOINTS}"
@@ -313,10 +310,10 @@ def topics_of(config: Config, held: Sequence[str]) -> list[str]:
         ]
         sampled = [name for name in sampled if name not in config.actuators]
     topics += [f"{SAMPLES}{name}" for name in sampled]
-    for name, device in devices.items():
-        topic = f"{SAMPLES}{name}"
-        if device is not None and (topic in held or device.bus not in on_feed):
-            topics.append(topic if topic in held else f"/serial/{name}")
+    for own in config.sensors:
+        topic = f"{SAMPLES}{own.name}"
+        if topic in held or own.bus is None:
+            topics.append(topic if topic in held else f"/serial/{own.name}")
     return topics
 
 

@@ -71,7 +71,7 @@ def bus_load(config: Config, bus: BusConfig) -> float:
             other.node_id: other.rate_hz
             for own in config.actuators.values()
             for other in own
-            if other.bus == bus.name and other.node_id is not None
+            if other.bus == bus.name and other.driver == "canopen"
         }.values()
     )
     return cycle_s * bus.rate_hz + report_s * reports_hz
@@ -86,7 +86,7 @@ def imu_load(imu: ImuConfig) -> tuple[float, float]:
 
 def star_tracker_load(tracker: StarTrackerConfig) -> float:
     """Return the worst-case load of the star tracker's line (1: full)."""
-    longest = 0 if tracker.driver == SAMPLES else star_tracker_codec(tracker).frame_bytes[1]
+    longest = star_tracker_codec(tracker).frame_bytes[1] if tracker.is_serial else 0
     return longest * BITS_PER_BYTE * tracker.rate_hz / tracker.baud_rate
 
 

@@ -20,7 +20,7 @@ from fsw.config.joints import minute_walk
 from fsw.config.keys import read_key
 from fsw.config.telemetry import BUS_SLOTS, JOINT_SLOTS
 from fsw.drivers.codecs.entries import imu_codec
-from fsw.drivers.layout.joints import layouts_of, torque_steps_nm
+from fsw.drivers.layout.joints import all_layouts, torque_steps_nm
 from fsw.errors import ConfigError
 from fsw.estimators.effects.registered import ON_BASE
 from fsw.estimators.model.problem import Problem
@@ -112,7 +112,7 @@ def _warnings(config: Config) -> list[str]:
                 f"buses.{i}.rate_hz: {bus.rate_hz:g} loads {bus.name!r} to {load:.0%} "
                 f"{_bitrate_words(bus)}; above {HIGH_LOAD:.0%} late frames must be expected"
             )
-        if bus.feed is None and all(n.bus != bus.name for n in (*config.joints, *config.can_nodes)):
+        if bus.feed is None and all(own.bus != bus.name for own in config.bus_devices.values()):
             found.append(f"buses.{i}.name: no joint uses the bus {bus.name!r}")
     found += _noise_warnings(config)
     longest = budget.imu_load(config.imu)[1]
@@ -204,9 +204,9 @@ def validate_ports(config: Config) -> None:
     for section, actuators in config.actuators.items():
         sampled += [f"{section}.{i}.bus" for i, own in enumerate(actuators) if own.bus is None]
     sampled += [f"wrench_sensors.{i}" for i in range(len(config.wrench_sensors))]
-    for key, own in (("imu", config.imu), ("star_tracker", config.star_tracker)):
-        if own is not None and own.driver == SAMPLES and own.bus is None:
-            sampled.append(f"{key}.driver")
+    sampled += [
+        f"{own.name}.driver" for own in config.sensors if own.driver == SAMPLES and own.bus is None
+    ]
     if sampled:
         words = "samples is no device without a feed; only recordings of fsw import have them"
         raise ConfigError("\n".join(f"{config.name}: {key}: {words}" for key in sampled))
@@ -292,8 +292,7 @@ def _description_faults(config: Config) -> list[str]:
     faults: list[str] = []
     for bus in config.buses:
         try:
-            for section in ("joints", *config.actuators):
-                layouts_of(config, bus, section)
+            all_layouts(config, bus)
         except ConfigError as error:
             faults += str(error).splitlines()
     return faults
@@ -323,7 +322,7 @@ def _serial_faults(config: Config) -> list[str]:
         delay_s = getattr(imu, key)
         if delay_s > MAX_GROUP_DELAY_S:
             faults.append(f"imu.{key}: {delay_s:g} must be at most {MAX_GROUP_DELAY_S:g} (seconds)")
-    if tracker is not None and tracker.driver != SAMPLES:
+    if tracker is not None and tracker.is_serial:
         load = budget.star_tracker_load(tracker)
         if load > FULL_LOAD:
             faults.append(

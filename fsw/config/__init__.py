@@ -4,7 +4,7 @@ Every key with a dimension ends in its unit. Most keys of geometry and noise hav
 are relative to the configuration file. Reading a configuration opens no device.
 """
 
-from fsw.config.actuators import Actuator, Describable
+from fsw.config.actuators import Actuator
 from fsw.config.base import (
     BodyName,
     Finite,
@@ -22,8 +22,9 @@ from fsw.config.processing import EstimatorConfig, OrbitConfig, SchedulerConfig
 from fsw.config.robot import BaseConfig, BodyConfig, BodySigma, RobotConfig
 from fsw.config.sensors import ImuConfig, Mounting, StarTrackerConfig
 from fsw.config.services import RecorderConfig, ServiceConfig
+from fsw.config.signals import Describable
 from fsw.config.telemetry import TelemetryConfig
-from fsw.config.whole import Config, load, parse
+from fsw.config.whole import BusDevice, Config, load, parse
 from fsw.config.wrench_sensors import WrenchSensorConfig
 
 __all__ = [
@@ -33,6 +34,7 @@ __all__ = [
     "BodyName",
     "BodySigma",
     "BusConfig",
+    "BusDevice",
     "Config",
     "Describable",
     "EstimatorConfig",

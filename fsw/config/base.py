@@ -51,6 +51,7 @@ AccelerationSigma = Annotated[float, Field(ge=0, le=100.0, allow_inf_nan=False)]
 Delay = Annotated[float, Field(ge=0, le=10.0, allow_inf_nan=False)]
 DelayError = Annotated[float, Field(ge=-0.1, le=0.1, allow_inf_nan=False)]
 DelaySigma = Annotated[float, Field(ge=0, le=0.1, allow_inf_nan=False)]  # 0: exact
+NodeId = Annotated[int, Field(ge=1, le=127)]  # of CANopen
 Rate = Annotated[float, Field(gt=0, le=1e4, allow_inf_nan=False)]
 Interval = Annotated[float, Field(ge=0, le=1e7, allow_inf_nan=False)]  # s
 Duration = Annotated[float, Field(gt=0, le=1e7, allow_inf_nan=False)]  # s

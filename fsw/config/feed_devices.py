@@ -7,6 +7,7 @@ from fsw.config.buses import BusConfig
 from fsw.config.feed import SAMPLES
 from fsw.config.joints import JointConfig
 from fsw.config.sensors import ImuConfig, StarTrackerConfig
+from fsw.config.signals import DESCRIBED
 
 MOST_JOINTS = 21  # position, torque and speed of each have a bit in a mask of 64
 Device = JointConfig | ImuConfig | StarTrackerConfig | Actuator
@@ -29,7 +30,8 @@ def feeds_go_with(buses: Sequence[BusConfig], devices: Mapping[str, Device]) -> 
             raise ValueError(f"{at}.bus: {device.bus!r} is a feed, which carries none")
         if driver != SAMPLES and device.bus in feeds:
             raise ValueError(f"{at}.driver: {driver!r} on feed {device.bus!r}; must be samples")
-        if isinstance(device, ImuConfig | StarTrackerConfig) and driver != SAMPLES and device.bus:
+        is_sensor = isinstance(device, ImuConfig | StarTrackerConfig)
+        if is_sensor and device.bus and driver not in (SAMPLES, DESCRIBED):
             raise ValueError(f"{at}.bus: {device.bus!r} with driver {driver}; must be left out")
     for i, bus in enumerate(buses):
         own = [device for device in devices.values() if device.bus == bus.name]

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from math import sqrt
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Any, Literal, Self
 
 from pydantic import (
     ConfigDict,
-    Field,
     ModelWrapValidatorHandler,
     SerializerFunctionWrapHandler,
     ValidationError,
@@ -26,6 +25,7 @@ from fsw.config.base import (
     DelaySigma,
     Finite,
     Gain,
+    NodeId,
     Periods,
     Positive,
     RotorSigma,
@@ -38,7 +38,7 @@ from fsw.config.base import (
     Turn,
 )
 from fsw.config.feed import SAMPLES
-from fsw.config.signals import Role, SignalConfig, TimingConfig, roles_given
+from fsw.config.signals import Role, SignalConfig, TimingConfig, has_its_keys, is_described
 from fsw.errors import brief
 
 TORQUE_STEP_NM = {"classic": 1e-2, "fd": 1e-4}  # resolution of a canopen node's torque, by format
@@ -111,7 +111,7 @@ class JointConfig(Section):
     of this list"""
     bus: str
     """name of the bus the node is on, or of the feed"""
-    node_id: Annotated[int, Field(ge=1, le=127)] | None = None
+    node_id: NodeId | None = None
     """CANopen node; required by `canopen`, and by `described` with a `description` of its own; such
     a node is started by NMT; left out with `samples`"""
     description: Path | None = None
@@ -222,31 +222,14 @@ class JointConfig(Section):
     @model_validator(mode="after")
     def _driver_keys(self) -> Self:
         """Refuse a joint that lacks a key of its driver, or has a key of another one."""
-        is_described = self.driver == "described"
-        needs = {"signals": is_described, "timing": is_described}
-        allows = needs | {"description": is_described, "node_id": self.driver != SAMPLES}
-        needs["node_id"] = self.driver == "canopen" or self.description is not None
-        for key, is_allowed in allows.items():
-            value = getattr(self, key)
-            if value is not None and not is_allowed:
-                shown = brief(value) if key == "node_id" else "it"
-                raise ValueError(f"{key}: {shown} must be left out with driver: {self.driver}")
-            if value is None and needs.get(key, False):
-                raise ValueError(f"{key}: missing with driver: {self.driver}")
+        needs: dict[str, bool | None] = {"canopen": True, SAMPLES: False}
+        has_its_keys(self, {"node_id": needs.get(self.driver)})
+        roles: list[Role] = ["speed" if self.speed_only else "position"]
+        roles += ["torque"] if self.torque != "none" else []
+        is_described(self, roles, f"encoder {self.encoder}, torque {self.torque}")
         if self.pdo != "trusted" and self.description is None:
             raise ValueError(f"pdo: {self.pdo!r} without description, an EDS or DCF of the node")
-        if self.signals is not None and self.timing is not None:
-            self._roles_given(self.signals, self.timing)
         return self
-
-    def _roles_given(self, signals: Mapping[Role, SignalConfig], timing: TimingConfig) -> None:
-        needed: dict[Role, bool] = {
-            "position": not self.speed_only,
-            "speed": self.speed_only,
-            "torque": self.torque != "none",
-        }
-        words = f"encoder {self.encoder}, torque {self.torque}"
-        roles_given(signals, timing, needed, words)
 
     @model_validator(mode="before")
     @classmethod

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import isfinite, tau
-from typing import Annotated, Any, Literal
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import (
     ConfigDict,
@@ -22,6 +23,7 @@ from fsw.config.base import (
     Finite,
     Length,
     Matrix3,
+    NodeId,
     Position,
     Positive,
     Quaternion,
@@ -33,6 +35,17 @@ from fsw.config.base import (
     Vector3,
 )
 from fsw.config.feed import SAMPLES
+from fsw.config.signals import (
+    DESCRIBED,
+    FORCES,
+    QUATERNION,
+    RATES,
+    Role,
+    SignalConfig,
+    TimingConfig,
+    has_its_keys,
+    is_described,
+)
 from fsw.errors import brief
 
 MAX_ANGLE_RAD = tau  # of a mounting; larger angles are probably in degrees
@@ -104,8 +117,11 @@ def _quaternion(angles: Sequence[float]) -> list[float]:
 class ImuConfig(Section):
     """The inertial unit. For white noise of random walk N, 1 sigma of a sample is N sqrt(rate)."""
 
+    name: ClassVar = "imu"
+    kind: ClassVar = "revolute"  # of its units, as of a joint
     driver: Driver = "stim300"
     """wire format: name of an installed codec, see `fsw devices`, or `package.module:Codec`;
+    `described`: any unit on a CAN bus, by `signals` and `timing` ([how](howto/connect.md));
     `samples`: its values come from [fsw import](import.md), or live by the feed `bus`, at any rate;
     `none` stands where the section is left out, which only `base.motion: clamped` allows"""
     options: dict[str, Any] = Field(default={})
@@ -115,7 +131,13 @@ class ImuConfig(Section):
     """required by `fsw run` only: path of the serial device or pseudo-terminal, or a pyserial URL
     """
     bus: str | None = None
-    """the [feed](howto/feed.md) that carries the unit, with driver `samples`"""
+    """of `samples`: the [feed](howto/feed.md) that carries the unit; of `described`: its bus"""
+    node_id: NodeId | None = None
+    """of `described`: CANopen node, where `description` is"""
+    description: Path | None = None
+    """EDS or DCF file of this node"""
+    signals: dict[Role, SignalConfig] | None = None  # for driver: described
+    timing: TimingConfig | None = None  # likewise
     baud_rate: int = Field(default=921600, gt=0)
     """bit/s; must carry the datagrams"""
     rate_hz: Rate
@@ -188,7 +210,12 @@ class ImuConfig(Section):
     @property
     def is_serial(self) -> bool:
         """Whether the unit sends bytes on a line, so that a codec reads them."""
-        return self.driver not in (NONE, SAMPLES)
+        return self.driver not in (NONE, SAMPLES, DESCRIBED)
+
+    @model_validator(mode="after")
+    def _keys_of_its_driver(self) -> Self:
+        _checked(self, (*RATES, *FORCES))
+        return self
 
 
 def no_imu() -> ImuConfig:
@@ -211,16 +238,25 @@ def no_imu() -> ImuConfig:
 class StarTrackerConfig(Section):
     """The star tracker. `rotation` states the sense of its quaternion; confirm it by a test."""
 
+    name: ClassVar = "star_tracker"
+    kind: ClassVar = "revolute"
     driver: Driver = "sagitta"
     """wire format: name of an installed codec, see `fsw devices`, or `package.module:Codec`;
-    `samples`: its values come from [fsw import](import.md), or live by the feed `bus`"""
+    `described`: on a CAN bus; `samples`: its values come from [fsw import](import.md), or live by
+    the feed `bus`"""
     options: dict[str, Any] = Field(default={})
     """the options of the codec, see `fsw devices`"""
     port: str | None = None
     """required by `fsw run` only: path of the serial device or pseudo-terminal, or a pyserial URL
     """
     bus: str | None = None
-    """the [feed](howto/feed.md) that carries the unit, with driver `samples`"""
+    """of `samples`: the [feed](howto/feed.md) that carries the unit; of `described`: its bus"""
+    node_id: NodeId | None = None
+    """of `described`: CANopen node, where `description` is"""
+    description: Path | None = None
+    """EDS or DCF file of this node"""
+    signals: dict[Role, SignalConfig] | None = None  # for driver: described
+    timing: TimingConfig | None = None  # likewise
     baud_rate: int = Field(default=115200, gt=0)
     """bit/s; must carry the solutions"""
     rate_hz: Rate
@@ -238,3 +274,19 @@ class StarTrackerConfig(Section):
     """1 sigma about the boresight"""
     subscribe: bool = True
     """ask the unit for asynchronous solutions at the start"""
+
+    @property
+    def is_serial(self) -> bool:
+        """Whether the unit sends bytes on a line, so that a codec reads them."""
+        return self.driver not in (SAMPLES, DESCRIBED)
+
+    @model_validator(mode="after")
+    def _keys_of_its_driver(self) -> Self:
+        _checked(self, QUATERNION)
+        return self
+
+
+def _checked(own: ImuConfig | StarTrackerConfig, roles: Sequence[Role]) -> None:
+    """Raise ValueError for a key that the driver of a sensor needs or refuses."""
+    found = is_described(own, roles, "a sensor")
+    has_its_keys(own, {"node_id": own.description is not None, "port": False if found else None})

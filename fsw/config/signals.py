@@ -1,16 +1,21 @@
-"""Sections that describe frames of any CAN device, and say which of their signals a joint uses."""
+"""Sections that describe frames of any CAN device, and say which of their signals it uses."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from math import pi, tau
-from typing import Annotated, Literal, Self
+from pathlib import Path
+from typing import Annotated, Literal, Protocol, Self
 
 from pydantic import Field, model_validator
 
 from fsw.config.base import Delay, Duration, Finite, Positive, Section
+from fsw.config.constants import STANDARD_GRAVITY_M_S2
+from fsw.errors import brief
 
 Name = Annotated[str, Field(min_length=1, max_length=128)]
 Identifier = Annotated[int, Field(ge=0, le=0x1FFFFFFF)]
 BY_SYNC = ("echoed_counter", "last_sync")
+DESCRIBED = "described"  # driver of a device whose frames a description gives
+G = STANDARD_GRAVITY_M_S2
 StampSigma = Annotated[float, Field(ge=0, le=0.1, allow_inf_nan=False)]
 # SI units of one unit, by what is measured; spelled without spaces and in lower case
 UNITS: dict[str, dict[str, float]] = {
@@ -23,6 +28,8 @@ UNITS: dict[str, dict[str, float]] = {
         "rpm": tau / 60, "rev/min": tau / 60,
     },
     "torque": {"nm": 1.0, "mnm": 1e-3, "unm": 1e-6},
+    "force": {"m/s2": 1.0, "mm/s2": 1e-3, "g": G, "mg": 1e-3 * G, "ug": 1e-6 * G},
+    "share": {"": 1.0, "1": 1.0, "-": 1.0},
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
 }  # fmt: skip
 LINEAR: dict[str, dict[str, float]] = {  # of prismatic joints
@@ -42,6 +49,7 @@ SCALED = {  # units that need a figure of the device: its key, and what divides 
 def plain_unit(unit: str) -> str:
     """Return a unit without spaces, dots of products and capitals: N.m, N m and Nm are nm."""
     short = unit.replace(" ", "").replace("*", "").replace("°", "deg").replace("‰", "permille")
+    short = short.replace("²", "2").replace("^2", "2").replace("/s/s", "/s2")
     return short.replace("N.m", "Nm").replace("µ", "u").lower()
 
 
@@ -103,20 +111,37 @@ class LayoutMessageConfig(Section):
     signals: Annotated[tuple[LayoutSignalConfig, ...], Field(min_length=1, max_length=512)]
 
 
-Role = Literal["position", "speed", "torque", "time", "counter", "status"]
+Role = Literal[
+    "position", "speed", "torque",
+    "rate_x", "rate_y", "rate_z", "force_x", "force_y", "force_z",
+    "q_x", "q_y", "q_z", "q_w",
+    "valve", "age", "on_time",
+    "time", "counter", "status",
+]  # fmt: skip
+RATES: tuple[Role, ...] = ("rate_x", "rate_y", "rate_z")
+FORCES: tuple[Role, ...] = ("force_x", "force_y", "force_z")
+QUATERNION: tuple[Role, ...] = ("q_x", "q_y", "q_z", "q_w")
+MEASURES: Mapping[Role, str] = {  # of roles: which of UNITS they have; of others, their own name
+    **dict.fromkeys(RATES, "speed"),
+    **dict.fromkeys(FORCES, "force"),
+    **dict.fromkeys(QUATERNION, "share"),
+    **dict.fromkeys(("age", "on_time"), "time"),
+}
 
 
 class SignalConfig(Section):
-    """A signal that a joint uses, by message and name, and its unit."""
+    """A signal that a device uses, by message and name, and its unit."""
 
     message: Name
-    """`NAME` is a role: `position` or `speed`, `torque`, `time`, `counter`, `status`. Message that
-    holds it"""
+    """`NAME` is a role: `position` or `speed`, `torque`; of an inertial unit `rate_x`, `rate_y`,
+    `rate_z`, `force_x`, `force_y`, `force_z`; of a star tracker `q_x`, `q_y`, `q_z`, `q_w`; of a
+    thruster `valve`, `age` or `on_time`; of any `time`, `counter`, `status`. Message that holds
+    it"""
     signal: Name
     """name of the signal in the message"""
     unit: str | None = None
     """rad, mrad, deg, 0.001 deg, rev, counts; rad/s, deg/s, rev/s, rpm; N m, mN m, permille, A, mA;
-    s, ms, us, ns; of a prismatic joint m, mm, N; null: as described"""
+    m/s^2, g, mg; s, ms, us, ns; of a prismatic joint m, mm, N; null: as described"""
     counts_per_rev: Positive | None = None
     """for unit `counts`: counts in a turn of the joint"""
     rated_torque_nm: Positive | None = None
@@ -151,7 +176,7 @@ class SignalConfig(Section):
 
 
 class TimingConfig(Section):
-    """How a joint's samples get their time of validity."""
+    """How a device's samples get their time of validity."""
 
     by: Literal["echoed_counter", "last_sync", "request", "arrival", "device_time", "time"]
     """what gives a sample its time: the counter of SYNC that it echoes; the SYNC, or `request` of
@@ -184,20 +209,77 @@ class TimingConfig(Section):
         return self
 
 
-def roles_given(
-    signals: Mapping[Role, SignalConfig],
-    timing: TimingConfig,
-    needed: Mapping[Role, bool],
-    words: str,
+class Describable(Protocol):
+    """A device that a description may give: its section's keys."""
+
+    @property
+    def driver(self) -> str:
+        """How it is read."""
+
+    @property
+    def bus(self) -> str | None:
+        """Name of its bus."""
+
+    @property
+    def node_id(self) -> int | None:
+        """Its number as a CANopen node."""
+
+    @property
+    def description(self) -> Path | None:
+        """EDS or DCF of its node; None: the bus describes its messages."""
+
+    @property
+    def kind(self) -> str:
+        """Kind of its units, as of a joint."""
+
+    @property
+    def signals(self) -> Mapping[Role, SignalConfig] | None:
+        """What it sends, by role."""
+
+    @property
+    def timing(self) -> TimingConfig | None:
+        """What gives its samples their times."""
+
+
+def has_its_keys(own: Describable, keys: Mapping[str, bool | None]) -> None:
+    """Raise ValueError for a key that a section's driver needs (True) or refuses (False)."""
+    for key, is_needed in keys.items():
+        value = getattr(own, key)
+        if value is not None and is_needed is False:
+            shown = "it" if isinstance(value, dict | Section | Path) else brief(value)
+            raise ValueError(f"{key}: {shown} must be left out with driver: {own.driver}")
+        if value is None and is_needed:
+            raise ValueError(f"{key}: missing with driver: {own.driver}")
+
+
+def is_described(own: Describable, roles: Collection[Role], words: str) -> bool:
+    """Return whether a description gives a device.
+
+    Parameters
+    ----------
+    roles, words : of its signals, besides those of status and time; what needs them
+
+    Raises
+    ------
+    ValueError for a key that it must have or must not have, then or otherwise.
+    """
+    found = own.driver == DESCRIBED
+    has_its_keys(own, {"signals": found, "timing": found, "description": None if found else False})
+    if found:
+        has_its_keys(own, {"bus": True, "node_id": True if own.description else None})
+    if own.signals is not None and own.timing is not None:
+        _roles_given(own.signals, own.timing, roles, words)
+    return found
+
+
+def _roles_given(
+    signals: Mapping[Role, SignalConfig], timing: TimingConfig, roles: Collection[Role], words: str
 ) -> None:
-    """Raise ValueError for a signal that is missing or of no use; `words` say what needs it."""
-    of_time: dict[Role, bool] = {
-        "time": timing.by in ("device_time", "time"),
-        "counter": timing.by == "echoed_counter",
-    }
-    for role, is_needed in {**needed, **of_time}.items():
-        if (role in signals) != is_needed:
-            what = "missing" if is_needed else "has no use"
+    by: Mapping[str, Role] = {"device_time": "time", "time": "time", "echoed_counter": "counter"}
+    needed = [*roles, *(role for how, role in by.items() if how == timing.by)]
+    for role in [*needed, *signals]:
+        if role not in signals or role not in (*needed, "status"):
+            what = "has no use" if role in signals else "missing"
             raise ValueError(f"signals.{role}: {what} with {words}, timing by {timing.by}")
     for role, own in signals.items():
         for key in ("mask", "value"):

@@ -1,5 +1,6 @@
 """Section of reaction wheels: rotors that exchange momentum with the base."""
 
+from pathlib import Path
 from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
@@ -10,6 +11,7 @@ from fsw.config.base import (
     UNIT_TOLERANCE,
     Delay,
     DelaySigma,
+    NodeId,
     Rate,
     ScaleSigma,
     Section,
@@ -17,7 +19,7 @@ from fsw.config.base import (
     TorqueSigma,
     Vector3,
 )
-from fsw.config.signals import Role, SignalConfig, TimingConfig, roles_given
+from fsw.config.signals import Role, SignalConfig, TimingConfig, has_its_keys, is_described
 
 RotorInertia = Annotated[float, Field(ge=1e-9, le=1e4, allow_inf_nan=False)]
 RotorSpeed = Annotated[float, Field(gt=0, le=1e4, allow_inf_nan=False)]
@@ -29,6 +31,7 @@ class WheelConfig(Section):
     """One wheel: a rotor, symmetric about an axis that is fixed in the base."""
 
     columns: ClassVar = {"speed_rad_s": "object"}  # of its samples in a recording, by name
+    kind: ClassVar = "revolute"  # of its units, as of a joint
     width: ClassVar = 2  # values of a sample: speed_rad_s, torque_nm (NaN: unusable)
     name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}$")]
     """its name in events and status"""
@@ -37,8 +40,10 @@ class WheelConfig(Section):
     `timing` as of a joint, in messages of its bus ([how](howto/connect.md))"""
     bus: str | None = None
     """name of the bus the node is on; null: its samples come by `fsw import` only"""
-    node_id: Annotated[int, Field(ge=1, le=127)] | None = None
-    """CANopen node; given where the bus is, left out with `described`"""
+    node_id: NodeId | None = None
+    """CANopen node; given where the bus is; with `described`, where `description` is"""
+    description: Path | None = None
+    """EDS or DCF file of this node"""
     signals: dict[Role, SignalConfig] | None = None  # for driver: described
     timing: TimingConfig | None = None  # likewise
     rate_hz: Rate
@@ -78,10 +83,9 @@ class WheelConfig(Section):
             raise ValueError(
                 f"axis_B: {list(self.axis_B)} has length {length:.4g}; must have length 1"
             )
-        if self.driver == "described":
-            self._described()
-        elif self.signals is not None or self.timing is not None:
-            raise ValueError("signals, timing: must be left out with driver: canopen")
+        roles: list[Role] = ["speed", "torque"] if self.torque == "measured" else ["speed"]
+        if is_described(self, roles, f"torque {self.torque}"):
+            has_its_keys(self, {"node_id": self.description is not None})
         elif (self.bus is None) != (self.node_id is None):
             given, missing = ("bus", "node_id") if self.node_id is None else ("node_id", "bus")
             value = getattr(self, given)
@@ -105,30 +109,10 @@ class WheelConfig(Section):
             raise ValueError("torque_noise_nm: missing; torque: measured needs it")
         return self
 
-    def _described(self) -> None:
-        """Raise ValueError for a described wheel that lacks a key, or has one too many."""
-        if self.bus is None or self.node_id is not None:
-            key, word = ("bus", "missing") if self.bus is None else ("node_id", "must be left out")
-            raise ValueError(f"{key}: {word} with driver: described")
-        if self.signals is None or self.timing is None:
-            key = "signals" if self.signals is None else "timing"
-            raise ValueError(f"{key}: missing with driver: described")
-        needed: dict[Role, bool] = {
-            "position": False,
-            "speed": True,
-            "torque": self.torque == "measured",
-        }
-        roles_given(self.signals, self.timing, needed, f"torque {self.torque}")
-
     @property
     def late_s(self) -> float:
         """By how much its readings are late [s]."""
         return self.delay_s
-
-    @property
-    def kind(self) -> Literal["revolute"]:
-        """Kind of its units, as of a joint."""
-        return "revolute"
 
     @property
     def walk_nm_sqrt_s(self) -> float:

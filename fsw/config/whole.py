@@ -1,13 +1,12 @@
 """The whole configuration of one daemon: sections, conditions between sections, reading."""
 
 import zlib
-from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Self
 
 from pydantic import ConfigDict, Field, PrivateAttr, ValidationError, model_validator
 
-from fsw.config.actuators import ACTUATORS, Actuator, actuators_go_with
+from fsw.config.actuators import ACTUATORS, Actuator
 from fsw.config.base import BodyName, Section, allow_null, null_is_left_out
 from fsw.config.buses import BusConfig
 from fsw.config.consistency import (
@@ -19,7 +18,7 @@ from fsw.config.consistency import (
     require_one_device_each,
     require_unique,
 )
-from fsw.config.described import descriptions_go_with
+from fsw.config.described import devices_go_with
 from fsw.config.feed_devices import feeds_go_with
 from fsw.config.health import HealthConfig
 from fsw.config.joints import JointConfig
@@ -53,6 +52,7 @@ from fsw.config.wheels import WheelConfig
 from fsw.config.wrench_sensors import WrenchSensorConfig, wrench_sensors_go_with
 from fsw.errors import ConfigError
 
+BusDevice = JointConfig | ImuConfig | StarTrackerConfig | Actuator
 BETWEEN_FILES = " + "  # in the name of a configuration with overlays
 
 
@@ -114,12 +114,25 @@ class Config(Section):
         return self._source
 
     @property
-    def can_nodes(self) -> tuple[JointConfig | Actuator, ...]:
-        """All CAN nodes: joints, wheels on a bus, then one thruster for each node with valves."""
-        joints = (joint for joint in self.joints if joint.node_id is not None)
+    def can_nodes(self) -> tuple[BusDevice, ...]:
+        """All CAN nodes: joints, wheels, one thruster of each node with valves, sensors."""
         nodes = {f"{thruster.bus}:{thruster.node_id}": thruster for thruster in self.thrusters}
-        wheels = (wheel for wheel in self.wheels if wheel.node_id is not None)
-        return (*joints, *wheels, *nodes.values())
+        devices = (*self.joints, *self.wheels, *nodes.values(), *self.sensors)
+        return tuple(own for own in devices if own.node_id is not None)
+
+    @property
+    def bus_devices(self) -> dict[str, BusDevice]:
+        """All devices that have a key `bus`, by the place of each."""
+        parts: dict[str, BusDevice] = {own.name: own for own in self.sensors}
+        for key in ("joints", *ACTUATORS):
+            parts |= {f"{key}.{i}": part for i, part in enumerate(getattr(self, key))}
+        return parts
+
+    @property
+    def sensors(self) -> tuple[ImuConfig | StarTrackerConfig, ...]:
+        """Inertial unit and star tracker that the robot has."""
+        imu = (self.imu,) if self.imu.present else ()
+        return imu if self.star_tracker is None else (*imu, self.star_tracker)
 
     @property
     def actuators(self) -> dict[str, tuple[Actuator, ...]]:
@@ -145,12 +158,8 @@ class Config(Section):
 
     @property
     def line_ports(self) -> dict[str, str | None]:
-        """Serial ports by their keys; a device on a feed has none."""
-        tracker = self.star_tracker
-        ports = {"imu.port": self.imu.port} if self.imu.present and not self.imu.bus else {}
-        if tracker is not None and not tracker.bus:
-            ports["star_tracker.port"] = tracker.port
-        return ports
+        """Serial ports by their keys; a device on a bus or feed has none."""
+        return {f"{own.name}.port": own.port for own in self.sensors if not own.bus}
 
     def missing_ports(self) -> list[str]:
         """Return missing keys of devices, which a live run needs and a replay does not."""
@@ -227,17 +236,8 @@ class Config(Section):
             raise ValueError(
                 "orbit: needs a star_tracker; the gravity gradient turns with attitude"
             )
-        names = {b.name: b for b in self.buses}
-        for i, joint in enumerate(self.joints):
-            if joint.bus not in names:
-                raise ValueError(
-                    f"joints.{i}.bus: {joint.bus!r} is not one of the buses {sorted(names)}"
-                )
-            if joint.format == "fd" and not names[joint.bus].fd:
-                raise ValueError(f"joints.{i}.format: 'fd' needs buses.{joint.bus}.fd: true")
-        feeds_go_with(self.buses, _bus_devices(self))
-        descriptions_go_with(self.buses, self.joints, _placed(self.actuators))
-        actuators_go_with(self.actuators, {name: bus.rate_hz for name, bus in names.items()})
+        devices_go_with(self.buses, self.bus_devices)
+        feeds_go_with(self.buses, self.bus_devices)
         wrench_sensors_go_with(self.wrench_sensors, self.estimator.method)
         thrusters_go_with(
             self.thrusters,
@@ -276,15 +276,14 @@ def _parts_are_unique(config: Config) -> None:
         require_unique([part.name for part in getattr(config, section)], f"{section}.name")
     names = [*(j.name for j in config.joints), *(own.name for own in config.wrench_sensors)]
     require_unique(names, "wrench_sensors.name")
-    of_joints = [joint for joint in config.joints if joint.driver == "canopen"]
-    others = [node for node in config.can_nodes if not isinstance(node, JointConfig)]
-    numbered = [*of_joints, *others]
-    nodes = [f"{node.bus}:0x{node.node_id:02x}" for node in numbered]
-    joints, wheels = len(of_joints), sum(wheel.node_id is not None for wheel in config.wheels)
-    require_unique(nodes[:joints], "joints.node_id")
-    require_unique(nodes[: joints + wheels], "wheels.node_id")
-    require_unique(nodes, "thrusters.node_id")
-    valves = [f"{t.bus}:0x{t.node_id:02x} valve {t.valve}" for t in config.thrusters]
+    nodes = list[str]()
+    for section in ("joints", *ACTUATORS):
+        own = [node for node in config.can_nodes if node.driver == "canopen"]
+        own = [node for node in own if node in getattr(config, section)]
+        nodes += [f"{node.bus}:0x{node.node_id:02x}" for node in own]
+        require_unique(nodes, f"{section}.node_id")
+    tailored = [own for own in config.thrusters if own.driver == "canopen"]
+    valves = [f"{own.bus}:0x{own.node_id:02x} valve {own.valve}" for own in tailored]
     require_unique(valves, "thrusters.valve")
 
 
@@ -301,17 +300,6 @@ def _something_turns(config: Config) -> None:
             f"estimator.method: {config.estimator.method!r} needs joints; a body with reaction "
             "wheels alone has mrnea"
         )
-
-
-def _bus_devices(config: Config) -> dict[str, Any]:
-    """Return all sections of devices that have a key `bus`, by the place of each."""
-    sections: dict[str, Any] = {"imu": config.imu, "star_tracker": config.star_tracker}
-    sections |= _placed({"joints": config.joints, **config.actuators})
-    return {place: part for place, part in sections.items() if part is not None}
-
-
-def _placed(sections: Mapping[str, Sequence[Any]]) -> dict[str, Any]:
-    return {f"{key}.{i}": part for key, parts in sections.items() for i, part in enumerate(parts)}
 
 
 def _device(bus: BusConfig) -> str | None:

@@ -15,7 +15,8 @@ from fsw.drivers.sources import (
     JointBusSource,
     StarTrackerSource,
 )
-from fsw.drivers.sources.devices import DEVICE_SAMPLES, actuator_sources
+from fsw.drivers.sources.described_sensors import SensorBusSource
+from fsw.drivers.sources.devices import DEVICE_SAMPLES, other_sources
 from fsw.drivers.sources.samples import (
     attitude_samples,
     imu_samples,
@@ -51,7 +52,7 @@ class BusChannel:
             self.source = DescribedBusSource(bus, joints, layouts, config.health)
         else:
             self.source = JointBusSource(bus, joints, config.health)
-        self.others = actuator_sources(config, bus)
+        self.others = other_sources(config, bus)
         words = [word for part in (self.source, *self.others) for word in part.words]
         self._starts = words if bus.sync == "none" else [COB_SYNC]  # begin the grid of windows
         self._waiting: list[FrameArray] = []
@@ -63,8 +64,9 @@ class BusChannel:
 
     @property
     def counters(self) -> dict[str, dict[str, int]]:
-        """Counters of the joints, by name of the bus."""
-        return {self.name: self.source.counters}
+        """Counters of the joints, by name of the bus, and of sensors."""
+        sensors = [own for own in self.others if isinstance(own, SensorBusSource)]
+        return {self.name: self.source.counters} | {own.kind: own.counters for own in sensors}
 
     def put(self, traffic: CanTraffic | SerialTraffic) -> None:
         """Keep frames until the end of the batch."""
@@ -269,5 +271,7 @@ def sample_status(
         "late_joints": {joint.name: late[joint.name] for joint in config.joints},
     }
     for other in (own for bus in buses for own in bus.others):
+        if isinstance(other, SensorBusSource):
+            continue
         found.setdefault(other.kind, {}).update(other.status())
     return found

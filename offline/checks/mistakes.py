@@ -13,8 +13,8 @@ from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 from fsw.config import Config, JointConfig
+from fsw.config.constants import STANDARD_GRAVITY_M_S2
 from fsw.config.joints import GAIN_OF_CURRENT, LOAD_OF_CURRENT, OF_MOTOR_CURRENT
-from fsw.drivers.codecs.imu_datagram import STANDARD_GRAVITY_M_S2
 from fsw.estimators.conditioning.rotation import rotation_from_xyzw
 from fsw.messages import FloatArray
 from offline.checks.mistake import SHIFTS_S, Mistake

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from fsw.config import Config
-from fsw.config.feed import SAMPLES
 from fsw.drivers.codecs.entries import imu_codec
 from fsw.messages import ChannelWindow, FloatArray, Window
 from offline.checks.comparison import WRONG, Comparison
@@ -112,7 +111,7 @@ def with_wide_limits(config: Config) -> Config:
         for joint in config.joints
     )
     imu = config.imu
-    if imu.driver == SAMPLES:  # a codec of bytes knows its unit
+    if not imu.is_serial:  # a codec of bytes knows its unit
         limits = {
             "max_rate_rad_s": WIDE * imu.max_rate_rad_s,
             "acc_range_g": WIDE * imu.acc_range_g,

@@ -9,7 +9,7 @@ from fsw.config import Config
 from fsw.drivers.sources.devices import DEVICE_SAMPLES
 from fsw.errors import ConfigError
 from fsw.exchange.recording import SAMPLED, SAMPLES
-from fsw.exchange.sinks import IMU, JOINTS, STAR_TRACKER
+from fsw.exchange.sinks import JOINTS
 from fsw.service.recorder import open_recording
 from offline.importing.captures import Channel, can_capture, serial_capture
 from offline.importing.mapping import read_mapping
@@ -81,7 +81,7 @@ def _captures(arguments: Namespace, config: Config) -> Iterator[Channel]:
         path, channel = _path_and_channel(file)
         yield can_capture(config, name, path, channel, shifts.pop(name, 0))
     for name, file in _pairs("--serial", arguments):
-        _refuse_unknown("--serial", name, _lines(config))
+        _refuse_unknown("--serial", name, [own.name for own in config.sensors])
         yield serial_capture(config, name, Path(file), shifts.pop(name, 0))
     if shifts:
         raise ConfigError(f"--shift: {', '.join(shifts)}: nothing of this name is imported")
@@ -93,11 +93,6 @@ def _sampled(arguments: Namespace, config: Config) -> Iterator[Channel]:
         yield from sampled_channels(config, mapping, arguments.map.parent, arguments.file)
     elif arguments.file is not None:
         raise ConfigError(f"{arguments.file}: needs --map, which says what its columns are")
-
-
-def _lines(config: Config) -> list[str]:
-    tracker = [STAR_TRACKER] if config.star_tracker is not None else []
-    return ([IMU] if config.imu.present else []) + tracker
 
 
 def _pairs(option: str, arguments: Namespace) -> Iterator[tuple[str, str]]:
@@ -132,7 +127,7 @@ def _refuse_gaps(config: Config, channels: Sequence[Channel]) -> None:
     topics = [channel.topic for channel in channels]
     sampled = {topic.removeprefix(SAMPLES) for topic in topics if topic.startswith(SAMPLES)}
     devices = [name for name in DEVICE_SAMPLES if getattr(config, name)]
-    known = {*_lines(config), *devices, *[JOINTS] * bool(config.joints)}
+    known = {*(own.name for own in config.sensors), *devices, *[JOINTS] * bool(config.joints)}
     for line in sampled - known:
         raise ConfigError(f"--map: {line} is not in {config.name}")
     twice = {topic for topic in topics if topics.count(topic) > 1}
@@ -140,7 +135,7 @@ def _refuse_gaps(config: Config, channels: Sequence[Channel]) -> None:
         raise ConfigError(f"{', '.join(sorted(twice))}: given twice")
     buses = [] if JOINTS in sampled else [bus.name for bus in config.buses]
     needed = {f"/can/{bus}": f"--can {bus}=FILE" for bus in buses}
-    lines = [line for line in _lines(config) if line not in sampled]
+    lines = [own.name for own in config.sensors if own.bus is None and own.name not in sampled]
     needed |= {f"/serial/{line}": f"--serial {line}=FILE" for line in lines}
     missing = [key for topic, key in needed.items() if topic not in topics]
     on_bus = config.actuators if buses else ()

@@ -13,7 +13,7 @@ import numpy as np
 
 from fsw.config import Config
 from fsw.drivers.codecs.canopen import COB_SYNC, COB_TPDO1, NODE_MASK
-from fsw.drivers.layout.joints import layouts_of
+from fsw.drivers.layout.joints import all_layouts
 from fsw.drivers.wire import ByteChunk, FrameArray
 from fsw.errors import ConfigError, brief
 from fsw.exchange.recording import END_NS
@@ -145,10 +145,10 @@ def _refuse_strangers(config: Config, bus: str, frames: FrameArray, path: Path) 
     """Raise ConfigError if the log has no SYNC, or a configured node sends no TPDO1."""
     words = {int(word) for word in np.unique(frames["word"])}
     own = next(each for each in config.buses if each.name == bus)
-    for i, layout in layouts_of(config, own).items():
+    for at, layout in all_layouts(config, own).items():
         for message in layout.messages:
             if message.word not in words:
-                name = config.joints[i].name
+                name = config.bus_devices[at].name
                 raise ConfigError(
                     f"{path}: no frame {message.name} (0x{message.identifier:x}) of {name}: the "
                     "recording of another robot or bus"

@@ -4,7 +4,7 @@ import numpy as np
 
 from fsw.config import BusConfig, Config
 from fsw.drivers.codecs.canopen import COB_SYNC
-from fsw.drivers.layout.joints import in_words, layouts_of
+from fsw.drivers.layout.joints import all_layouts, in_words, layouts_of
 from fsw.drivers.sources.described import DescribedBusSource
 from fsw.drivers.wire import EFF_MASK, FrameArray
 
@@ -12,10 +12,13 @@ LISTED = 8  # identifiers in one line
 
 
 def decoded_lines(config: Config, bus: BusConfig, frames: FrameArray) -> list[str]:
-    """Return a line for each described joint, and one for the frames that no description names."""
-    layouts = layouts_of(config, bus)
+    """Return a line for each described device, and one for the frames that none names."""
+    every, layouts = all_layouts(config, bus), layouts_of(config, bus)
+    others = [(at, own) for at, own in every.items() if not at.startswith("joints.")]
+    read = [f"  {in_words(config.bus_devices[at], own)}" for at, own in others]
+    words = [own.word for layout in every.values() for own in layout.messages]
     if not layouts:
-        return []
+        return [*read, *_others(words, frames)] if read else []
     source = DescribedBusSource(bus, [(i, config.joints[i]) for i in layouts], layouts)
     source.feed(frames)
     counts = source.joint_counters
@@ -32,7 +35,7 @@ def decoded_lines(config: Config, bus: BusConfig, frames: FrameArray) -> list[st
         )
         if together[key]
     ]
-    return [*lines, *_others(source.words, frames)]
+    return [*lines, *read, *_others(words, frames)]
 
 
 def _samples(counts: dict[str, int]) -> str:

@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 from pydantic import BeforeValidator, ValidationError
 
 from fsw.config import Finite, Section
+from fsw.config.constants import STANDARD_GRAVITY_M_S2
 from fsw.config.text import TextError, explain, must_be, read_yaml
-from fsw.drivers.codecs.imu_datagram import STANDARD_GRAVITY_M_S2
 from fsw.errors import ConfigError
 
 FACTORS = {

@@ -13,7 +13,7 @@ from typing import Self
 import numpy as np
 
 from fsw.config import Config
-from fsw.drivers.codecs.imu_datagram import STANDARD_GRAVITY_M_S2
+from fsw.config.constants import STANDARD_GRAVITY_M_S2
 from fsw.drivers.sources.samples import (
     FORCE,
     FORCE_N,

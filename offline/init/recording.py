@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import yaml
 
+from fsw.config.constants import STANDARD_GRAVITY_M_S2
 from fsw.drivers.codecs.canopen import COB_SYNC, COB_TPDO1, NODE_MASK
-from fsw.drivers.codecs.imu_datagram import STANDARD_GRAVITY_M_S2
 from fsw.drivers.wire import EFF_MASK, FrameArray
 from fsw.errors import ConfigError, cut
 from fsw.estimators.model.robot import RobotModel

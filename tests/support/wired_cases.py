@@ -23,6 +23,7 @@ def candump(
     lost: float = 0.0,
     late_s: float = 0.0,
     is_motor: bool = False,
+    seed: int = 5,
 ) -> Path:
     """Write the log of the motion.
 
@@ -32,7 +33,7 @@ def candump(
     late_s : age of the values in a frame
     is_motor : the torques are those of motors, with friction and the inertia of a rotor
     """
-    rng = np.random.default_rng(5)
+    rng = np.random.default_rng(seed)
     sent: list[tuple[float, str]] = []
     for k, joint in enumerate(setup.config.joints):
         t_s = np.arange(rng.uniform(0.0, 1.0 / rate_hz), setup.history.end_s, 1.0 / rate_hz)

@@ -13,7 +13,6 @@ from fsw.drivers.wire import ByteChunk, Reject
 from fsw.messages import FloatArray
 
 Vector3 = tuple[float, float, float]
-STANDARD_GRAVITY_M_S2 = 9.80665
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,8 +18,9 @@ from typing import Any, Literal
 
 from fastcrc import crc32
 
+from fsw.config.constants import STANDARD_GRAVITY_M_S2
 from fsw.drivers.codecs.framing import FixedMatcher, Frame, Framer
-from fsw.drivers.codecs.imu_datagram import STANDARD_GRAVITY_M_S2, ImuCodec, ImuDatagram, scaled
+from fsw.drivers.codecs.imu_datagram import ImuCodec, ImuDatagram, scaled
 from fsw.drivers.wire import Reject
 
 HEADER = b"\xfe\x81\xff\x55"

@@ -9,9 +9,9 @@ import struct
 from collections.abc import Mapping
 from typing import Any
 
+from fsw.config.constants import STANDARD_GRAVITY_M_S2
 from fsw.drivers.codecs.framing import Frame, Framer, find_sync
 from fsw.drivers.codecs.imu_datagram import (
-    STANDARD_GRAVITY_M_S2,
     ImuCodec,
     ImuDatagram,
     Vector3,

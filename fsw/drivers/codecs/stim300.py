@@ -15,9 +15,9 @@ import numpy as np
 from fastcrc import crc32
 from numpy.typing import NDArray
 
+from fsw.config.constants import STANDARD_GRAVITY_M_S2
 from fsw.drivers.codecs.framing import Frame, Framer
 from fsw.drivers.codecs.imu_datagram import (
-    STANDARD_GRAVITY_M_S2,
     ImuCodec,
     ImuDatagram,
     ImuRun,

@@ -1,13 +1,19 @@
-"""Which signals of which messages a joint or an actuator uses: configuration meets descriptions."""
+"""Which signals of which messages a device uses: configuration meets descriptions."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import sqrt
 
-from fsw.config import BusConfig, Config, Describable, JointConfig
+from fsw.config import BusConfig, BusDevice, Config, Describable, JointConfig
+from fsw.config.actuators import ON_BUS
 from fsw.config.joints import TORQUE_STEP_NM
 from fsw.config.signals import (
+    DESCRIBED,
+    FORCES,
     LINEAR,
+    MEASURES,
+    QUATERNION,
+    RATES,
     SCALED,
     UNITS,
     LayoutSignalConfig,
@@ -20,17 +26,24 @@ from fsw.drivers.layout.files import read_messages, read_node
 from fsw.drivers.layout.signals import Message, Signal, faults
 from fsw.errors import ConfigError, brief
 
-Device = JointConfig | Describable
-ROLES = 5
-POSITION, TORQUE, TIME, COUNTER, STATUS = range(ROLES)  # a speed is in place of a position
+TIME, COUNTER, STATUS, FIRST = range(4)  # places of roles in an array; the values come last
+POSITION, TORQUE = FIRST, FIRST + 1  # a speed is in place of a position
+VALVE, CHANGE = FIRST, FIRST + 1  # the change: its age, or for how long the valve has been open
 ROLES_BY_NAME: dict[Role, int] = {
     "position": POSITION,
     "speed": POSITION,
     "torque": TORQUE,
+    **{role: FIRST + k for k, role in enumerate((*RATES, *FORCES))},
+    **{role: FIRST + k for k, role in enumerate(QUATERNION)},
+    "valve": VALVE,
+    "age": CHANGE,
+    "on_time": CHANGE,
     "time": TIME,
     "counter": COUNTER,
     "status": STATUS,
 }
+RAW: tuple[Role, ...] = ("counter", "status", "valve")  # bits without scale
+CLOCKS: tuple[Role, ...] = ("time", "on_time")  # that wrap
 MOST_CLOCK_BITS = 48  # of device time: an exact number, and longer than any silence
 FLOAT_STEPS = 2**11  # least steps of a converter behind a float, from zero to the torque's limit
 
@@ -70,33 +83,48 @@ class Layout:
 def layouts_of(config: Config, bus: BusConfig, section: str = "joints") -> dict[int, Layout]:
     """Return the layouts of the described devices of one section on one bus.
 
-    The keys are the devices' indices in `section` (`joints` or `wheels`).
+    The keys are the devices' indices in `section`; 0 for a section of one device.
 
     Raises
     ------
     ConfigError with one line per fault.
     """
-    devices: Sequence[Device] = getattr(config, section)
-    own = [(i, one) for i, one in enumerate(devices) if one.bus == bus.name]
-    described = [(i, device) for i, device in own if device.driver == "described"]
-    if not described:
+    found = all_layouts(config, bus, (section,))
+    return {int(at.partition(".")[2] or 0): layout for at, layout in found.items()}
+
+
+def all_layouts(
+    config: Config, bus: BusConfig, sections: Sequence[str] = ON_BUS
+) -> dict[str, Layout]:
+    """Return the layouts of the described devices of one bus by the places of the devices.
+
+    Raises
+    ------
+    ConfigError with one line per fault.
+    """
+    places = {
+        at: own
+        for at, own in config.bus_devices.items()
+        if (own.bus, own.driver) == (bus.name, DESCRIBED) and at.partition(".")[0] in sections
+    }
+    if not places:
         return {}
-    shared, lines, found = _messages_of(config, bus), list[str](), dict[int, Layout]()
-    for i, device in described:
+    shared, lines, found = _messages_of(config, bus), list[str](), dict[str, Layout]()
+    for at, device in places.items():
         messages = shared
-        if isinstance(device, JointConfig) and device.description and device.node_id is not None:
+        if device.description and device.node_id is not None:
             messages = read_node(config.resolve(device.description), device.node_id)
         try:
-            found[i] = _layout_of(device, messages)
+            found[at] = _layout_of(device, messages)
         except ConfigError as error:
-            lines += [f"{section}.{i}.{line}" for line in str(error).splitlines()]
+            lines += [f"{at}.{line}" for line in str(error).splitlines()]
     if lines:
         raise ConfigError("\n".join(lines))
     return found
 
 
-def in_words(joint: JointConfig, layout: Layout) -> str:
-    """Return what a joint reads, with the SI value of a step of each number, and its timing."""
+def in_words(joint: BusDevice, layout: Layout) -> str:
+    """Return what a device reads, with the SI value of a step of each number, and its timing."""
     read = "; ".join(
         f"{name} {use.message.name}.{use.signal.name} (0x{use.message.identifier:x}) "
         f"{use.signal.bits} bits {use.signal.number}, step {abs(use.signal.scale * use.factor):.4g}"
@@ -170,7 +198,7 @@ def _signal_of(own: LayoutSignalConfig) -> Signal:
     )
 
 
-def _layout_of(joint: Device, messages: Mapping[str, Message]) -> Layout:
+def _layout_of(joint: Describable, messages: Mapping[str, Message]) -> Layout:
     uses, lines = [], []
     for name, role in ROLES_BY_NAME.items():
         own = (joint.signals or {}).get(name)
@@ -190,7 +218,7 @@ def _layout_of(joint: Device, messages: Mapping[str, Message]) -> Layout:
 
 
 def _use(
-    joint: Device, name: str, role: int, own: SignalConfig, messages: Mapping[str, Message]
+    joint: Describable, name: Role, role: int, own: SignalConfig, messages: Mapping[str, Message]
 ) -> Use:
     message = messages.get(own.message)
     if message is None:
@@ -203,12 +231,12 @@ def _use(
         raise ConfigError(f"signal: {own.signal!r} is not in {message.name}; {has} are")
     if own.invalid is not None:
         signal = replace(signal, invalid=own.invalid)
-    if name in ("counter", "status", "time") and signal.number == "float":
+    if name in (*RAW, *CLOCKS) and signal.number == "float":
         raise ConfigError(f"signal: {own.signal!r} is a float; must be an integer")
-    if name in ("counter", "status"):
+    if name in RAW:
         return Use(role=role, message=message, signal=_raw(signal), factor=1.0)
     factor = _factor(joint, name, own, signal)
-    if name == "time":
+    if name in CLOCKS:
         step_s = abs(signal.scale) * factor
         return Use(role=role, message=message, signal=_clock(_raw(signal)), factor=step_s)
     return Use(role=role, message=message, signal=signal, factor=factor)
@@ -227,10 +255,10 @@ def _clock(signal: Signal) -> Signal:
     return replace(signal, bits=signal.bits - spare)
 
 
-def _factor(joint: Device, name: str, own: SignalConfig, signal: Signal) -> float:
+def _factor(joint: Describable, name: Role, own: SignalConfig, signal: Signal) -> float:
     """Return the SI value of a signal's unit, which must not contradict the description."""
     unit, described = plain_unit(own.unit or signal.unit), plain_unit(signal.unit)
-    table = (UNITS if joint.kind == "revolute" else LINEAR)[name]
+    table = (UNITS if joint.kind == "revolute" else LINEAR)[MEASURES.get(name, name)]
     if described in table and table.get(unit) != table[described]:
         raise ConfigError(
             f"unit: {own.unit!r}, but the description says {signal.unit!r} of the value after its "

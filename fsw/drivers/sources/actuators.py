@@ -1,6 +1,6 @@
-"""Reports of actuators of one kind on one bus: read by their descriptions, timed, and judged."""
+"""Reports of devices of one kind on one bus: read by their descriptions, timed, and judged."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +11,7 @@ from fsw.drivers.codecs import canopen
 from fsw.drivers.layout.joints import Layout
 from fsw.drivers.sources.counters import Counters
 from fsw.drivers.sources.described_samples import DescribedSamples, Timed
+from fsw.drivers.sources.line_watch import LineFaults, LineWatch
 from fsw.drivers.wire import FrameArray, Reject
 from fsw.messages.findings import Fault, Finding
 
@@ -34,18 +35,30 @@ class Reports:
 
     Parameters
     ----------
-    silent : what a silent device is
+    line : what a silent device is, and one whose reports are missing
+    refused : what rejected reports are; empty: neither they nor lost ones are findings
     """
 
-    def __init__(self, bus: BusConfig, devices: Sequence[Reporter], silent: Fault) -> None:
-        self._bus, self._devices, self._silent = bus.name, devices, silent
-        _, rates_hz, layouts, ids = zip(*devices, strict=True)
+    def __init__(
+        self,
+        bus: BusConfig,
+        devices: Sequence[Reporter],
+        line: LineFaults,
+        refused: Mapping[Reject, Fault] | None = None,
+        silent_periods: float = SILENT_REPORTS,
+    ) -> None:
+        self._bus, self._refused = bus.name, refused or {}
+        names, rates_hz, layouts, ids = zip(*devices, strict=True)
         self._samples = DescribedSamples(bus, layouts, rates_hz)
         services = [service | node for node in ids if node is not None for service in SERVICES]
         self._owned = np.union1d(self._samples.words, np.array(services, np.uint32))
         self.counts = [Counters() for _ in devices]
-        self._newest = [-1] * len(devices)  # running number of the newest report
-        self._heard_ns: list[int | None] = [None] * len(devices)
+        self._newest = [(-1, 0)] * len(devices)  # running number and time of the newest report
+        self._rates_hz = rates_hz
+        self._watches = [
+            LineWatch(line, name, 1e9 / rate_hz, silent_periods)
+            for name, rate_hz in zip(names, rates_hz, strict=True)
+        ]
         self._found: list[Finding] = []
         self._now_ns = 0
 
@@ -63,8 +76,8 @@ class Reports:
         if len(frames):
             self._now_ns = int(frames["t_ns"][-1])
         timed, short = self._samples.read(frames)
-        for place, _, size in short:
-            self.counts[place].reject(Reject.LENGTH, size)
+        for place, t_ns, size in short:
+            self._refuse(place, t_ns, Reject.LENGTH, size, f"{size} bytes")
         return timed
 
     def good(self, timed: Timed, in_range: NDArray[np.bool_]) -> NDArray[np.intp]:
@@ -72,30 +85,50 @@ class Reports:
         rows = []
         for k, place in enumerate(timed.device.tolist()):
             number, done_ns = int(timed.number[k]), int(timed.done_ns[k])
+            newest, before_ns = self._newest[place]
             reasons = (
                 (number < 0, Reject.STALE),
                 (not timed.is_good[k], Reject.STATUS),
                 (not in_range[k], Reject.RANGE),
-                (number <= self._newest[place], Reject.SEQUENCE),
+                (number <= newest, Reject.SEQUENCE),
             )
             reason = next((why for is_bad, why in reasons if is_bad), None)
             if timed.crept[k]:
-                self._heard_ns[place], text = done_ns, self._samples.movement
+                self._watches[place].followed(done_ns)
+                text = self._samples.movement
                 self._found.append(Finding(done_ns, Fault.SYNC_CREEPS, self._bus, text))
             if reason is not None:
-                self.counts[place].reject(reason, 0)
+                self._refuse(place, done_ns, reason, 0, f"status 0x{timed.status[k]:x}")
                 continue
+            t_ns, lost = int(timed.t_ns[k]), 0
+            if self._refused and newest >= 0:
+                periods = round((t_ns - before_ns) * 1e-9 * self._rates_hz[place])
+                lost = max(0, periods - 1)
+                self.counts[place].lost += lost
             self.counts[place].accepted += 1
-            self._newest[place], self._heard_ns[place] = number, done_ns
+            self._newest[place] = number, t_ns
+            self._watches[place].accepted(done_ns, 0, lost, 0)
             rows.append(k)
         return np.array(rows, np.intp)
+
+    def find(self, place: int, t_ns: int, fault: Fault, text: str) -> None:
+        """Add a finding about a device."""
+        self._watches[place].find(t_ns, fault, text)
+
+    def _refuse(self, place: int, t_ns: int, reason: Reject, size: int, text: str) -> None:
+        """Count a report that is not used; report it if such ones are findings."""
+        self.counts[place].reject(reason, size)
+        if reason in self._refused:
+            is_said = reason in (Reject.LENGTH, Reject.STATUS)
+            self.find(place, t_ns, self._refused[reason], text if is_said else "")
+            if reason is not Reject.LENGTH:  # which is found before those of its batch
+                self._watches[place].refused(t_ns, 0)
 
     def findings(self) -> list[Finding]:
         """Return the findings since the last call, and one for every silent device."""
         found, self._found = self._found, []
-        for device, heard_ns in zip(self._devices, self._heard_ns, strict=True):
-            age_s = 0.0 if heard_ns is None else (self._now_ns - heard_ns) * 1e-9
-            if age_s * device.rate_hz > SILENT_REPORTS:
-                text = f"no report for {age_s:.1f} s"
-                found.append(Finding(self._now_ns, self._silent, device.name, text))
+        for watch in self._watches:
+            if self._now_ns:
+                watch.watch(self._now_ns, up=True)
+            found += watch.take()
         return found

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.drivers.layout.decoder import Decoder
-from fsw.drivers.layout.joints import ROLES, TIME, Layout, Use
+from fsw.drivers.layout.joints import TIME, TORQUE, Layout, Use
 from fsw.drivers.layout.signals import Message
 from fsw.drivers.sources.groups import Arrivals
 from fsw.drivers.sources.validity import REFUSED
@@ -40,6 +40,8 @@ class FrameReader:
         self._kinds = _kinds_of(layouts)
         words = [kind.words for kind in self._kinds]
         self.words: NDArray[np.uint32] = np.concatenate(words)
+        roles = [use.role for layout in layouts for use in layout.uses]
+        self._width = 1 + max(TORQUE, *roles)
 
     def read(
         self, frames: FrameArray, words: NDArray[np.uint32]
@@ -54,7 +56,7 @@ class FrameReader:
         """
         none = np.empty(0, np.int64)
         joints, short = [none], list[_Short]()
-        parts = [(none, none, none, np.empty((0, ROLES)))]
+        parts = [(none, none, none, np.empty((0, self._width)))]
         for kind in self._kinds:
             place = np.searchsorted(kind.words, words)
             place[place == len(kind.words)] = 0
@@ -70,7 +72,7 @@ class FrameReader:
             columns = kind.decoder(own["data"])
             t_ns = own["t_ns"].astype(np.int64)
             for slot, signals in enumerate(kind.slots):
-                values = np.full((len(rows), ROLES), np.nan)
+                values = np.full((len(rows), self._width), np.nan)
                 for k in signals:
                     values[:, kind.roles[k]] = columns[k] * kind.factors[k]
                 joints.append(kind.joints[place, slot])

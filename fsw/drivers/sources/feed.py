@@ -19,9 +19,6 @@ from fsw.drivers.sources.counters import Counters
 from fsw.drivers.sources.joint_end import JointEnd, Raw
 from fsw.drivers.sources.line_watch import IMU_LINE, TRACKER_LINE, LineFaults, LineWatch
 from fsw.drivers.sources.samples import (
-    FORCE,
-    QUATERNION,
-    RATE,
     SampleSource,
     attitude_samples,
     imu_samples,
@@ -183,7 +180,7 @@ class FeedSource:
             if kind is Kind.JOINTS and self._joints is not None:
                 found.append(self._joints.samples(stream, self._found))
             else:
-                found.append(_values(kind, stream, self._others[kind]))
+                found.append(_values(stream, self._others[kind]))
         return found
 
     def _accept(self, chunk: ByteChunk) -> None:
@@ -243,22 +240,11 @@ class FeedSource:
             stream.watch.refused(t_ns, 0)
 
 
-def _values(kind: Kind, stream: _Stream, source: SampleSource) -> Samples:
+def _values(stream: _Stream, source: SampleSource) -> Samples:
     """Return the samples of the inertial unit or the star tracker."""
     _, t_ns, t_receive_ns, values = stream.take()
-    good = np.ones(len(t_ns), np.bool_)
-    rows = []
-    for k, own in enumerate(values):
-        message: dict[str, Any] = {QUATERNION: own, RATE: own[:3], FORCE: own[3:]}
-        if kind is Kind.ATTITUDE:
-            message = {QUATERNION: own}
-        try:
-            rows.append(source.row(message))
-        except (ValueError, ArithmeticError):
-            good[k] = False
-    stream.count_refused(Reject.STATUS, len(values) - len(rows))
-    found = source.build(t_ns[good], t_receive_ns[good], np.array(rows, np.float64))
-    stream.count_refused(Reject.RANGE, len(rows) - len(found))
+    found = source.build(t_ns, t_receive_ns, np.array(values, np.float64))
+    stream.count_refused(Reject.RANGE, len(values) - len(found))
     return found
 
 

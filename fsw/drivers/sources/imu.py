@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from fsw.config import HealthConfig, ImuConfig
+from fsw.config.constants import STANDARD_GRAVITY_M_S2
 from fsw.drivers.codecs.entries import imu_codec
 from fsw.drivers.codecs.framing import Frame
 from fsw.drivers.codecs.imu_datagram import (
-    STANDARD_GRAVITY_M_S2,
     ImuCodec,
     ImuDatagram,
     ImuRun,

@@ -38,6 +38,11 @@ TRACKER_LINE = LineFaults(
 )
 
 
+def silent_only(fault: Fault) -> LineFaults:
+    """Return the faults of a device of which nothing but its silence is one."""
+    return LineFaults(fault, fault, fault, fault, fault)
+
+
 class LineWatch:
     """Finds faults of one serial line.
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from fsw.config import Config, ImuConfig, StarTrackerConfig, WrenchSensorConfig
-from fsw.drivers.codecs.imu_datagram import STANDARD_GRAVITY_M_S2
+from fsw.config.constants import STANDARD_GRAVITY_M_S2
 from fsw.drivers.sources.counters import Counters
 from fsw.drivers.sources.joint_calibration import Calibration
 from fsw.drivers.sources.star_tracker import to_bus
@@ -187,11 +187,17 @@ def attitude_samples(config: StarTrackerConfig) -> SampleSource:
 
     def row(message: Mapping[str, Any]) -> list[float]:
         x, y, z, w = (float(value) for value in message[QUATERNION])
-        if not abs((x * x + y * y + z * z + w * w) ** 0.5 - 1.0) <= NORM_TOLERANCE:
-            raise ValueError("no rotation")
-        return list(to_bus((w, x, y, z), config.mounting.q_BS_xyzw, config.rotation))
+        return [x, y, z, w]
 
     def build(t_ns: IntArray, t_receive_ns: IntArray, values: FloatArray) -> AttitudeSamples:
-        return AttitudeSamples(t_ns - latency_ns, t_receive_ns, values.reshape(-1, 4))
+        values = values.reshape(-1, 4)
+        with np.errstate(over="ignore"):
+            good = np.abs(np.sqrt((values * values).sum(axis=1)) - 1.0) <= NORM_TOLERANCE
+        turned = [
+            to_bus((w, x, y, z), config.mounting.q_BS_xyzw, config.rotation)
+            for x, y, z, w in values[good].tolist()
+        ]
+        attitudes = np.array(turned).reshape(-1, 4)
+        return AttitudeSamples(t_ns[good] - latency_ns, t_receive_ns[good], attitudes)
 
     return SampleSource(row, build)

@@ -18,6 +18,7 @@ from fsw.drivers.layout.shipped import (
     shipped,
 )
 from fsw.drivers.sources.actuators import Reporter, Reports
+from fsw.drivers.sources.line_watch import silent_only
 from fsw.drivers.sources.samples import SPEED, SampleSource
 from fsw.drivers.wire import FrameArray
 from fsw.messages import DeviceSamples, FloatArray, IntArray
@@ -63,7 +64,7 @@ class WheelBusSource:
             Reporter(own.name, own.rate_hz, layout, own.node_id)
             for own, layout in zip(self._wheels, known, strict=True)
         ]
-        self._reports = Reports(bus, reporters, Fault.WHEEL_SILENT)
+        self._reports = Reports(bus, reporters, silent_only(Fault.WHEEL_SILENT))
         self.words, self.owns = self._reports.words, self._reports.owns
         self.findings = self._reports.findings
         ids = [wheel.node_id for wheel in self._wheels]

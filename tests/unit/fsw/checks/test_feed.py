@@ -30,7 +30,7 @@ def test_a_feed_is_a_device_that_can_be_run_and_replayed(arm, everything):
     assert "joints in order axis1, axis2, axis3" in text
     devices = [] if everything else ["/serial/imu", "/serial/star_tracker"]
     assert topics_of(config, ["/serial/arm"]) == ["/serial/arm", *devices]
-    assert ("imu: on feed arm" in text) is everything
+    assert ("imu: samples on arm" in text) is everything
 
 
 def test_the_rate_of_a_feed_is_not_bound_to_the_loops(arm):

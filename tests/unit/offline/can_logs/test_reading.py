@@ -98,7 +98,7 @@ def test_the_case_of_a_suffix_does_not_matter(tmp_path, suffix):
 @pytest.mark.parametrize(
     ("data", "words"),
     [
-        (gzip.compress(b"(1.0) can0 191#01\n"), "is compressed; unpack it: gzip -d"),
+        (gzip.compress(b"(1.0) can0 191#01\n", mtime=0), "is compressed; unpack it: gzip -d"),
         ("(1.0) can0 191#01\n".encode("utf-16"), "is no text in ASCII or UTF-8"),
     ],
 )

@@ -131,7 +131,7 @@ def test_a_silent_wheel_is_found(tmp_path):
     ("changes", "words"),
     [
         ({"bus": None}, "bus: missing with driver: described"),
-        ({"node_id": 3}, "node_id: must be left out with driver: described"),
+        ({"node_id": 3}, "node_id: 3 must be left out with driver: described"),
         ({"timing": None}, "timing: missing with driver: described"),
         ({"signals": {"torque": signals(0, torque=True)["torque"]}}, "signals.speed: missing"),
         ({"signals": signals(0, torque=True)}, "signals.torque: has no use with torque none"),

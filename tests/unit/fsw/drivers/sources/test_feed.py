@@ -252,7 +252,7 @@ def test_inertial_unit_and_star_tracker_come_by_the_same_feed(arm):
         "received": 3, "accepted": 2, "rejected": 1, "reject_range": 1,
     }  # fmt: skip
     assert counts(source, "star_tracker") == {
-        "received": 2, "accepted": 1, "rejected": 1, "reject_status": 1,
+        "received": 2, "accepted": 1, "rejected": 1, "reject_range": 1,
     }  # fmt: skip
 
 

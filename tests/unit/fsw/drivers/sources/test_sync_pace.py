@@ -152,7 +152,8 @@ def test_joints_wheels_and_thrusters_of_the_bus_are_refused_counted_and_reported
         for k in range(start, start + 100):
             sync, *answers = cycle(k)
             made["joints"] += [crept(sync, k), *answers]
-            made["wheels"] += [crept(sync, k), test_wheels.report(k)]
+            wheels_sent = [test_wheels.report(k, wheel=own) for own in range(2)]
+            made["wheels"] += [crept(sync, k), *wheels_sent]
             made["thrusters"] += [crept(sync, k), test_thrusters.report(k, 0, 0xFFFF, 0)]
         samples = joints.feed(made["joints"])
         last["joints"] = max([last.get("joints", 0), *(one.t_ns for one in samples)])

@@ -18,7 +18,7 @@ T0 = 10**12
 
 def source() -> ThrusterBusSource:
     thrusters = [ThrusterConfig.model_validate(thruster_settings(k)) for k in range(2)]
-    return ThrusterBusSource(bus_config(latch_offset_s=1e-5), list(enumerate(thrusters)))
+    return ThrusterBusSource(bus_config(latch_offset_s=1e-5), list(enumerate(thrusters)), {})
 
 
 def sync(k: int) -> CanFrame:

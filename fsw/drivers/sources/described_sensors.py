@@ -1,0 +1,113 @@
+"""Inertial unit and star tracker whose frames a description gives: frames to timed samples."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fsw.config import BusConfig, HealthConfig, ImuConfig, StarTrackerConfig
+from fsw.drivers.layout.joints import FIRST, Layout
+from fsw.drivers.sources.actuators import Reporter, Reports
+from fsw.drivers.sources.line_watch import IMU_LINE, TRACKER_LINE, LineFaults
+from fsw.drivers.sources.samples import SampleSource, attitude_samples, imu_samples
+from fsw.drivers.wire import FrameArray, Reject
+from fsw.messages import Samples
+from fsw.messages.findings import Fault, Finding
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Kind:
+    """One kind of sensor.
+
+    Attributes
+    ----------
+    samples : makes the source whose `build` calibrates and judges values
+    clusters, width : faults of values that are missing together, and how many they are
+    line, refused : faults of its line, and of samples that are not used
+    """
+
+    samples: Callable[[Any], SampleSource]
+    clusters: tuple[Fault, ...]
+    width: int
+    line: LineFaults
+    refused: Mapping[Reject, Fault]
+
+
+_KINDS = {
+    "imu": _Kind(
+        samples=imu_samples,
+        clusters=(Fault.GYRO_FAULT, Fault.ACC_FAULT),
+        width=3,
+        line=IMU_LINE,
+        refused={
+            Reject.LENGTH: Fault.IMU_CRC,
+            Reject.STALE: Fault.IMU_COUNTER,
+            Reject.STATUS: Fault.GYRO_FAULT,
+            Reject.RANGE: Fault.IMU_RANGE,
+            Reject.SEQUENCE: Fault.IMU_DUPLICATE,
+        },
+    ),
+    "star_tracker": _Kind(
+        samples=attitude_samples,
+        clusters=(Fault.TRACKER_BLIND,),
+        width=4,
+        line=TRACKER_LINE,
+        refused={
+            Reject.LENGTH: Fault.TRACKER_DAMAGED,
+            Reject.STALE: Fault.TRACKER_CLOCK,
+            Reject.STATUS: Fault.TRACKER_BLIND,
+            Reject.RANGE: Fault.TRACKER_RANGE,
+            Reject.SEQUENCE: Fault.TRACKER_DUPLICATE,
+        },
+    ),
+}
+
+
+class SensorBusSource:
+    """The inertial unit or the star tracker of one bus.
+
+    A sample is timed as a described joint's is, and calibrated as one of a feed.
+    """
+
+    def __init__(
+        self,
+        bus: BusConfig,
+        config: ImuConfig | StarTrackerConfig,
+        layout: Layout,
+        health: HealthConfig,
+    ) -> None:
+        self.kind = config.name
+        own = _KINDS[self.kind]
+        self._source, self._clusters = own.samples(config), own.clusters
+        self._shape = (len(own.clusters), own.width)
+        reporter = Reporter(config.name, config.rate_hz, layout, config.node_id)
+        self._reports = Reports(bus, [reporter], own.line, own.refused, health.silent_periods)
+        self.words, self.owns = self._reports.words, self._reports.owns
+
+    @property
+    def counters(self) -> dict[str, int]:
+        """Counters of samples."""
+        return self._reports.counts[0].as_dict()
+
+    def findings(self) -> list[Finding]:
+        """Return the findings since the last call."""
+        return self._reports.findings()
+
+    def feed(self, frames: FrameArray) -> Samples:
+        """Accept frames in order, SYNCs among them, and return the samples they hold."""
+        timed, build = self._reports.read(frames), self._source.build
+        count, width = self._shape
+        read = timed.values[:, FIRST : FIRST + count * width].reshape(-1, count, width)
+        is_whole: NDArray[np.bool_] = np.all(np.isfinite(read), axis=2)
+        values = np.where(is_whole[:, :, None], read, np.nan).reshape(len(read), count * width)
+        is_some, index = is_whole.any(axis=1), np.arange(len(read))
+        in_range = np.isin(index, build(timed.t_ns, index, values).t_receive_ns)
+        timed = timed._replace(is_good=timed.is_good & is_some)
+        rows = self._reports.good(timed, in_range)
+        for row in rows[~is_whole[rows].all(axis=1)].tolist():
+            for cluster in np.flatnonzero(~is_whole[row]).tolist():
+                fault = self._clusters[cluster]
+                self._reports.find(0, int(timed.done_ns[row]), fault, "no usable value")
+        return build(timed.t_ns[rows], timed.done_ns[rows], values[rows])
