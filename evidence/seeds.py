@@ -10,15 +10,20 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
 from evidence import runner
 from evidence.settings import content_of
 from evidence.store import Row, Store
+from evidence.terminal import print_table
 from hil.judge import chi_square
 from hil.run.live import LiveError
 from hil.run.processes import tied
 from hil.world.scenario import load
+
+TITLES = (
+    *("seed", "body", "mass error [%]", "sigmas", "sigma/CRB", "exact motion"),
+    *("NEES", "mean EE [mm]"),
+)
 
 
 def outcome(seed: int, scenario: str, options: Sequence[str]) -> dict[str, Row]:
@@ -103,32 +108,20 @@ def summary(outcomes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 def show(outcomes: Sequence[Mapping[str, Any]], console: Console) -> None:
     """Print a line for each seed and body, and the summary."""
-    lines = Table(title=f"{outcomes[0]['scenario']}, {outcomes[0]['method']}")
-    for title in (
-        "seed",
-        "body",
-        "mass error [%]",
-        "sigmas",
-        "sigma/CRB",
-        "exact motion",
-        "NEES",
-        "mean EE [mm]",
-    ):
-        lines.add_column(title, justify="right")
+    rows = []
     for o in outcomes:
         for body in o["unknown"]:
             truth, mass = o["truth"][body]["mass_kg"], o["estimate"][body]["mass_kg"]
-            lines.add_row(
-                str(o["seed"]),
-                body,
-                f"{100 * (mass / truth - 1):+.4f}",
-                f"{(mass - truth) / o['sigma'][body]['mass_kg']:+.2f}",
-                f"{o['mass_sigma_to_true_crb_ratio'][body]:.2f}",
-                f"{o['mass_sigma_to_crb_ratio'][body]:.2f}",
-                f"{o['nees']:.1f}",
-                f"{1e3 * o['ee_error']['mean_position_m']:.4f}",
+            rows.append(
+                [
+                    *(str(o["seed"]), body, f"{100 * (mass / truth - 1):+.4f}"),
+                    f"{(mass - truth) / o['sigma'][body]['mass_kg']:+.2f}",
+                    f"{o['mass_sigma_to_true_crb_ratio'][body]:.2f}",
+                    f"{o['mass_sigma_to_crb_ratio'][body]:.2f}",
+                    *(f"{o['nees']:.1f}", f"{1e3 * o['ee_error']['mean_position_m']:.4f}"),
+                ]
             )
-    console.print(lines)
+    print_table(f"{outcomes[0]['scenario']}, {outcomes[0]['method']}", TITLES, rows, 100)
     total = summary(outcomes)
     low, high = total["nees_band_99"]
     console.print(

@@ -9,9 +9,10 @@ import argparse
 import math
 import sys
 from collections.abc import Callable, Sequence
+from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from file_delivery.extras import cure
 from ground.errors import LINK, USAGE, GroundError
@@ -73,7 +74,7 @@ def parser() -> argparse.ArgumentParser:
     _tc_parser(commands)
     number = commands.add_parser("number", help="show or set the next number of --key")
     number.add_argument("number", nargs="?", type=int, metavar="N", help="set it")
-    number.set_defaults(command=_number)
+    number.set_defaults(command=_command("ground.show:show_number", _sealer))
     _history_parser(commands)
     _tm_parser(commands)
     _onboard_parser(commands)
@@ -115,7 +116,7 @@ def _port(text: str) -> int:
 def _tc_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     listing = commands.add_parser("list", help="list telecommands, or one with its arguments")
     listing.add_argument("name", nargs="?", metavar="NAME")
-    listing.set_defaults(command=_list)
+    listing.set_defaults(command=_command("ground.show:list_commands"))
     tc = commands.add_parser("tc", help="send a telecommand and follow it to its end")
     tc.add_argument("name", metavar="NAME", help="from `ground list`")
     tc.add_argument("arguments", nargs="*", metavar="ARGUMENT=VALUE")
@@ -127,14 +128,14 @@ def _tc_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     tc.add_argument("--timeout", type=_seconds, default=10.0, metavar="S", help="10")
     tc.add_argument("--force", action="store_true", help="send values out of range")
     tc.add_argument("--json", action="store_true", help="print one JSON object")
-    tc.set_defaults(command=_tc)
+    tc.set_defaults(command=_command("ground.show:send", _sealer, _stream))
 
 
 def _history_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     history = commands.add_parser("history", help="show the commands that were sent from here")
     history.add_argument("--count", type=_count, default=20, metavar="N", help="20")
     history.add_argument("--json", action="store_true", help="one JSON object a line")
-    history.set_defaults(command=_history)
+    history.set_defaults(command=_command("ground.show:show_history"))
 
 
 def _tm_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -145,7 +146,7 @@ def _tm_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     tm.add_argument("--seconds", type=_seconds, default=1e9, metavar="S", help="stop after so long")
     tm.add_argument("--json", action="store_true", help="one JSON object a line")
     tm.add_argument("--raw", type=Path, metavar="FILE", help="also keep the packets as they come")
-    tm.set_defaults(command=_tm)
+    tm.set_defaults(command=_command("ground.show:watch", _stream))
 
 
 def _onboard_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -158,7 +159,7 @@ def _onboard_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser
     back.add_argument("--from", dest="start", type=_met, default=0.0, metavar="S", help="0: oldest")
     back.add_argument("--to", dest="end", type=_met, default=MET_END_S, metavar="S", help="now")
     back.add_argument("--timeout", type=_seconds, default=600.0, metavar="S", help="600")
-    back.set_defaults(command=_playback)
+    back.set_defaults(command=_command("ground.show_onboard:play_back", _sealer, _stream))
     sequence = commands.add_parser("sequence", help="load a sequence of telecommands from a text")
     sequence.add_argument("number", type=_count, metavar="N", help="its place, from 1")
     sequence.add_argument(
@@ -166,7 +167,8 @@ def _onboard_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser
     )
     sequence.add_argument("--start", action="store_true", help="start it once it is loaded")
     sequence.add_argument("--timeout", type=_seconds, default=60.0, metavar="S", help="60")
-    sequence.set_defaults(command=_sequence, json=False)
+    loaded = _command("ground.show_onboard:load_sequence", _sealer, _stream)
+    sequence.set_defaults(command=loaded, json=False)
 
 
 def _file_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -233,40 +235,17 @@ def _serve_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser])
     serve.set_defaults(command=_serve)
 
 
-def _list(arguments: argparse.Namespace) -> int:
-    from ground.show import list_commands
+def _command(
+    function: str, *made: Callable[[argparse.Namespace], object]
+) -> Callable[[argparse.Namespace], int]:
+    """Return what calls a function, imported then, with the arguments and what is made of them."""
 
-    return list_commands(arguments.name)
+    def call(arguments: argparse.Namespace) -> int:
+        module, name = function.split(":")
+        given = (make(arguments) for make in made)
+        return int(getattr(import_module(module), name)(arguments, *given))
 
-
-def _tc(arguments: argparse.Namespace) -> int:
-    from ground.show import send
-
-    return send(arguments, _sealer(arguments), _stream(arguments))
-
-
-def _playback(arguments: argparse.Namespace) -> int:
-    from ground.show_onboard import play_back
-
-    return play_back(arguments, _sealer(arguments), _stream(arguments))
-
-
-def _sequence(arguments: argparse.Namespace) -> int:
-    from ground.show_onboard import load_sequence
-
-    return load_sequence(arguments, _sealer(arguments), _stream(arguments))
-
-
-def _number(arguments: argparse.Namespace) -> int:
-    from ground.show import show_number
-
-    return show_number(arguments, _sealer(arguments))
-
-
-def _tm(arguments: argparse.Namespace) -> int:
-    from ground.show import watch
-
-    return watch(arguments, _stream(arguments))
+    return call
 
 
 def _file(arguments: argparse.Namespace) -> int:
@@ -305,23 +284,10 @@ def _desk(arguments: argparse.Namespace) -> Desk:
     )
 
 
-def _history(arguments: argparse.Namespace) -> int:
-    from ground.show import show_history
-
-    return show_history(arguments)
-
-
 def _sealer(arguments: argparse.Namespace) -> Sealer | None:
     if arguments.key is None:
         return None
-    return Sealer(
-        arguments.key,
-        arguments.state.expanduser(),
-        spi=arguments.spi,
-        spacecraft_id=arguments.spacecraft_id,
-        virtual_channel=arguments.virtual_channel,
-        names_spacecraft=not arguments.standard_mask,
-    )
+    return Sealer(arguments.key, spi=arguments.spi, **_channel(arguments))
 
 
 def _stream(arguments: argparse.Namespace) -> FrameStream | None:
@@ -329,14 +295,17 @@ def _stream(arguments: argparse.Namespace) -> FrameStream | None:
         return None
     from ground.downlink import FrameStream
 
-    return FrameStream(
-        arguments.tm_key,
-        arguments.state.expanduser(),
-        spi=arguments.tm_spi,
-        spacecraft_id=arguments.spacecraft_id,
-        virtual_channel=arguments.virtual_channel,
-        names_spacecraft=not arguments.standard_mask,
-    )
+    return FrameStream(arguments.tm_key, spi=arguments.tm_spi, **_channel(arguments))
+
+
+def _channel(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return what sealing and opening frames have in common."""
+    return {
+        "state_folder": arguments.state.expanduser(),
+        "spacecraft_id": arguments.spacecraft_id,
+        "virtual_channel": arguments.virtual_channel,
+        "names_spacecraft": not arguments.standard_mask,
+    }
 
 
 if __name__ == "__main__":

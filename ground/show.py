@@ -56,9 +56,9 @@ def _synchronise(link: Link) -> None:
         pass
 
 
-def list_commands(name: str | None) -> int:
+def list_commands(arguments: argparse.Namespace) -> int:
     """List all telecommands, or one with its arguments."""
-    catalogue = Catalogue()
+    catalogue, name = Catalogue(), arguments.name
     if name is None:
         for command in catalogue.commands.values():
             print(f"{command.service:3d},{command.subtype:<3d} {command.name:32s} {command.doc}")

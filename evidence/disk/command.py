@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 
 from evidence import runner
 from evidence.disk import case
 from evidence.disk.case import Case
 from evidence.provenance import commit
 from evidence.store import Store
+from evidence.terminal import print_table
 from hil.world.scenario import ScenarioError
 
 FAILED_EXIT = 1
@@ -51,24 +51,22 @@ def run(*, only: Sequence[str], jobs: int, out: Path | None, as_json: bool, shor
 
 def _show(cases: Sequence[Case], rows: Sequence[Mapping[str, Any]], console: Console) -> None:
     sizes = sorted({item.size_kib for item in cases})
-    title = f"Bad disks of {sizes[0]} to {sizes[-1]} KiB: cases within every bound"
-    grid = Table(title=title, title_justify="left")
     moments = [m for m in case.MOMENTS if any(item.moment == m for item in cases)]
-    for name in ("kind", *moments, "telecommand s", "lost, counted"):
-        grid.add_column(name, justify="left" if name == "kind" else "right")
+    lines = []
     for kind in case.KINDS:
         own = [row for row in rows if row["kind"] == kind]
-        if not own:
-            continue
-        total = Counter(row["moment"] for row in own)
-        good = Counter(row["moment"] for row in own if not row["failed"])
-        grid.add_row(
-            kind,
-            *(f"{good[m]} of {total[m]}" for m in moments),
-            f"{max(row['longest_s'] for row in own):.1f}",
-            str(sum(row["lost"] for row in own)),
-        )
-    console.print(grid)
+        if own:
+            total = Counter(row["moment"] for row in own)
+            good = Counter(row["moment"] for row in own if not row["failed"])
+            longest_s, lost = max(r["longest_s"] for r in own), sum(r["lost"] for r in own)
+            counts = [f"{good[m]} of {total[m]}" for m in moments]
+            lines.append([kind, *counts, f"{longest_s:.1f}", str(lost)])
+    print_table(
+        f"Bad disks of {sizes[0]} to {sizes[-1]} KiB: cases within every bound",
+        ("kind", *moments, "telecommand s", "lost, counted"),
+        lines,
+        100,
+    )
     for row in rows:
         if row["failed"]:
             name = f"{row['size_kib']} KiB, {row['kind']}, {row['moment']}"

@@ -19,12 +19,12 @@ from typing import Any
 import numpy as np
 import yaml
 from rich.console import Console
-from rich.table import Table
 
 from evidence.hardware import throws
 from evidence.hardware.data_set import DataError
 from evidence.hardware.throws import THROWS
 from evidence.hardware.throws_judge import Found, Result, judged
+from evidence.terminal import print_table
 from fsw.__main__ import main as fsw
 
 FAILED_EXIT, WRONG_EXIT = 1, 2
@@ -172,20 +172,20 @@ def _fsw(*arguments: str) -> str:
 
 
 def _print(results: list[Result]) -> None:
-    table = Table(title="thrown bodies: error of the principal moments, %")
-    for title in ("set", "throws", "found", "valid", "mean", "worst", "the owners' tool", "NEES"):
-        table.add_column(title, justify="left" if title == "set" else "right")
-    for r in results:
-        mean, worst = throws.PUBLISHED[r.name]
-        figures = (f"{r.mean_percent:.2f}", f"{r.worst_percent:.2f}", f"{mean:.2f} / {worst:.2f}")
-        nees = f"{r.nees:.1f}, median {r.nees_median:.1f}"
-        counts = (str(r.throws), str(r.found), str(r.valid))
-        table.add_row(r.name, *counts, *figures, nees)
-    console = Console()
-    console.width = max(console.width, 120)
-    console.print(table)
-    console.print(
+    print_table(
+        "thrown bodies: error of the principal moments, %",
+        ("set", "throws", "found", "valid", "mean", "worst", "the owners' tool", "NEES"),
+        [
+            [
+                *(r.name, str(r.throws), str(r.found), str(r.valid)),
+                *(f"{r.mean_percent:.2f}", f"{r.worst_percent:.2f}"),
+                "{:.2f} / {:.2f}".format(*throws.PUBLISHED[r.name]),
+                f"{r.nees:.1f}, median {r.nees_median:.1f}",
+            ]
+            for r in results
+        ],
+        120,
         "NEES of the three moments of a throw, 3 where sigma is right, that of the calibration "
-        f"included.\n{THROWS.what}; github.com/{THROWS.repository} at "
-        f"{THROWS.commit[:7]}, {THROWS.licence}"
+        "included.",
+        f"{THROWS.what}; github.com/{THROWS.repository} at {THROWS.commit[:7]}, {THROWS.licence}",
     )

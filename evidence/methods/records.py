@@ -12,7 +12,6 @@ import numpy as np
 from evidence.methods.cases import Key, StudyRecord, settings
 from evidence.provenance import commit
 from evidence.store import Row, Store
-from hil.world.inertia import FloatArray
 
 
 def open_store(folder: Path) -> Store:
@@ -37,35 +36,15 @@ def rows(results: Iterable[StudyRecord]) -> dict[str, Row]:
 
 
 def _plain(record: StudyRecord) -> Row:
-    return {
-        **asdict(record.key),
-        "status": record.status,
-        "iterations": record.iterations,
-        "nees": record.nees if np.isfinite(record.nees) else None,
-        "bias_note": record.bias_note,
-        "commit": record.commit,
-        "error": _list(record.error),
-        "sigma": _list(record.sigma),
-    }
+    own = {k: v for k, v in asdict(record).items() if k != "key"}
+    lists = {k: None if own[k] is None else own[k].tolist() for k in ("error", "sigma")}
+    nees = record.nees if np.isfinite(record.nees) else None
+    return asdict(record.key) | own | lists | {"nees": nees}
 
 
 def _record(row: Row) -> StudyRecord:
-    names = ("level", "case", "sensors", "method", "seed")
-    return StudyRecord(
-        key=Key(**{name: row[name] for name in names}),
-        status=row["status"],
-        error=_array(row["error"]),
-        sigma=_array(row["sigma"]),
-        nees=float("inf") if row["nees"] is None else float(row["nees"]),
-        iterations=row["iterations"],
-        bias_note=row["bias_note"],
-        commit=row["commit"],
-    )
-
-
-def _list(values: FloatArray | None) -> list[float] | None:
-    return None if values is None else [float(x) for x in values]
-
-
-def _array(values: list[float] | None) -> FloatArray | None:
-    return None if values is None else np.array(values)
+    key = {name: row[name] for name in Key.__slots__}
+    own = {name: row[name] for name in StudyRecord.__slots__ if name != "key"}
+    own |= {k: None if own[k] is None else np.array(own[k]) for k in ("error", "sigma")}
+    own["nees"] = float("inf") if own["nees"] is None else float(own["nees"])
+    return StudyRecord(key=Key(**key), **own)

@@ -1,7 +1,7 @@
 """Run the missing results of the study in several processes; a result depends only on its key."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from rich.console import Console
 
@@ -102,15 +102,7 @@ def missing(units: Sequence[StudyUnit], done: set[Key]) -> list[StudyUnit]:
     for unit in units:
         methods = tuple(key.method for key in unit.keys if key not in done)
         if methods:
-            rest.append(
-                StudyUnit(
-                    level=unit.level,
-                    case=unit.case,
-                    sensors=unit.sensors,
-                    seed=unit.seed,
-                    methods=methods,
-                )
-            )
+            rest.append(replace(unit, methods=methods))
     return rest
 
 

@@ -29,7 +29,7 @@ from evidence.methods.sensed import (
     with_noise,
 )
 from evidence.mistakes.readings import Readings, read, sent
-from evidence.mistakes.recording import CONFIG, RECORDING, judged
+from evidence.mistakes.recording import CONFIG, RECORDING, Recorded, judged
 from evidence.mistakes.table import Mistake, mistakes, wrong
 from fsw.config import Config, load
 from fsw.errors import FswError
@@ -44,6 +44,7 @@ from offline.replay import replay
 
 STREAM = 127  # spawn key of the samples' noise and biases
 SENSORS = "data sheet"
+NONE_Z = float("inf")  # of a result that was not made
 DOUBTS = (
     *("links_sigma_ratio", "torque_scale_sigma_ratio", "zero_sigma_rad"),
     *("mounting_position_sigma_m", "mounting_angle_sigma_rad"),
@@ -54,26 +55,26 @@ DOUBTS = (
 class Finding:
     """The result of a mistake."""
 
-    case: str
-    mistake: str
-    seed: int
-    refused: str  # why the configuration was refused; empty if it was accepted
-    valid: bool  # of the last estimate
-    reason: str  # why the last estimate is not valid
-    z: float  # largest |error| over sigma of the bodies' parameters in the last estimate
-    mass_z: float  # largest |error| over sigma of the masses in the last estimate
-    mass_sigma: float  # sigma of the mass over the mass, of the first unknown body
-    outputs: int  # valid estimates
-    wrong: int  # valid estimates with z above CONFIDENT
-    beyond: int  # wrong estimates whose correlation of innovations is beyond its bound
-    events: tuple[str, ...]  # codes in the order of the events
-    batch: str  # status of the batch; FAILED if it raised an error
-    batch_z: float  # z of the batch
-    batch_note: str
-    recorded: str  # status of `fsw identify` on a recording of the readings; empty: none was made
-    recorded_z: float  # z of that result
-    named: bool  # whether `fsw check` or `fsw import` names the mistake
-    findings: tuple[str, ...]  # what they say does not fit
+    case: str = ""
+    mistake: str = ""
+    seed: int = 0
+    refused: str = ""  # why the configuration was refused; empty if it was accepted
+    valid: bool = False  # of the last estimate
+    reason: str = ""  # why the last estimate is not valid
+    z: float = NONE_Z  # largest |error| over sigma of the bodies' parameters in the last estimate
+    mass_z: float = NONE_Z  # largest |error| over sigma of the masses in the last estimate
+    mass_sigma: float = NONE_Z  # sigma of the mass over the mass, of the first unknown body
+    outputs: int = 0  # valid estimates
+    wrong: int = 0  # valid estimates with z above CONFIDENT
+    beyond: int = 0  # wrong estimates whose correlation of innovations is beyond its bound
+    events: tuple[str, ...] = ()  # codes in the order of the events
+    batch: str = ""  # status of the batch; FAILED if it raised an error
+    batch_z: float = NONE_Z  # z of the batch
+    batch_note: str = ""
+    recorded: str = ""  # status of `fsw identify` on a recording of the readings; empty: none made
+    recorded_z: float = NONE_Z  # z of that result
+    named: bool = False  # whether `fsw check` or `fsw import` names the mistake, or its refusal
+    findings: tuple[str, ...] = ()  # what they say does not fit
     passed: bool = False  # whether `fsw identify --holdout` says so of the recording
 
     @property
@@ -123,7 +124,7 @@ def run(
             used = load(folder / "wrong.yaml")
             found = _judge(case, right, used, seed, blocks, mistake, folder, recording=recording)
         except FswError as error:
-            found = _nothing(str(error).splitlines()[0])
+            found = Finding(refused=str(error).splitlines()[0], named=True)
         return replace(found, case=case, mistake=mistake, seed=seed)
 
 
@@ -192,13 +193,18 @@ def _with_recording(
     used: Config,
     folder: Path,
 ) -> Finding:
-    own = judged(devices, right, used, folder)
-    words = mistakes()[mistake].words
+    return _recorded(found, judged(devices, right, used, folder), mistakes()[mistake], truth)
+
+
+def _recorded(
+    found: Finding, own: Recorded, mistake: Mistake, truth: Mapping[str, FloatArray]
+) -> Finding:
+    """Return a finding with what import, check and identify say of the recording."""
     return replace(
         found,
         recorded=own.status,
-        recorded_z=_batch_worst(own.values, truth) if own.values else float("inf"),
-        named=any(word in line for word in words for line in own.findings),
+        recorded_z=_batch_worst(own.values, truth) if own.values else NONE_Z,
+        named=any(word in line for word in mistake.words for line in own.findings),
         findings=own.findings,
         passed=own.passed,
     )
@@ -226,25 +232,17 @@ def judged_on_wire(
 ) -> Finding:
     """Return the result of a mistake in the description of joints, from a recording of frames."""
     own = judged(devices, right, used, folder, mistake.wired)
-    named = any(word in line for word in mistake.words for line in own.findings)
     if not (folder / RECORDING).exists():
-        return replace(_nothing(own.findings[0]), named=named, findings=own.findings)
+        return replace(_recorded(Finding(), own, mistake, truth), refused=own.findings[0])
     kept, config = _Estimates(), load(folder / CONFIG)
     result = replay(folder / RECORDING, config, sink=kept)
-    found, batch = _nothing(""), own.values or None
+    found, batch = Finding(), own.values or None
     if result.estimate is not None:
         valid = [one for one in kept.found if one.valid]
         wrong = sum(worst(one.bodies, truth) > CONFIDENT for one in valid)
         events = [(event.severity, event.code, event.text) for event in result.events]
         found = _found(result.estimate, truth, len(valid), wrong, 0, events, batch)
-    return replace(
-        found,
-        recorded=own.status,
-        recorded_z=_batch_worst(own.values, truth) if own.values else float("inf"),
-        named=named,
-        findings=own.findings,
-        passed=own.passed,
-    )
+    return _recorded(found, own, mistake, truth)
 
 
 LAG_BOUND = "innovation_lag1_bound"
@@ -261,10 +259,6 @@ def _found(
 ) -> Finding:
     z, first = worst(final.bodies, truth), next(iter(final.bodies.values()))
     return Finding(
-        case="",
-        mistake="",
-        seed=0,
-        refused="",
         valid=final.valid,
         reason=final.reason,
         z=z,
@@ -277,37 +271,8 @@ def _found(
         beyond=beyond,
         events=tuple(code for _, code, _ in events),
         batch="FAILED" if batch is None else str(batch["status"]),
-        batch_z=float("inf") if batch is None else _batch_worst(batch, truth),
+        batch_z=NONE_Z if batch is None else _batch_worst(batch, truth),
         batch_note="" if batch is None else str(batch["note"]),
-        recorded="",
-        recorded_z=float("inf"),
-        named=False,
-        findings=(),
-    )
-
-
-def _nothing(why: str) -> Finding:
-    return Finding(
-        case="",
-        mistake="",
-        seed=0,
-        refused=why,
-        valid=False,
-        reason="",
-        z=float("inf"),
-        mass_z=float("inf"),
-        mass_sigma=float("inf"),
-        outputs=0,
-        wrong=0,
-        beyond=0,
-        events=(),
-        batch="",
-        batch_z=float("inf"),
-        batch_note="",
-        recorded="",
-        recorded_z=float("inf"),
-        named=True,  # by the refusal
-        findings=(),
     )
 
 

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 from rich.progress import track
-from rich.table import Table
 
 from evidence.methods.exact import true_robot
 from evidence.store import JOURNAL
+from evidence.terminal import print_table
 from hil.judge.bound import Sensors
 from hil.run.flight_sensors import bound_sensors
 from hil.world.inertia import COUNT, FloatArray
@@ -30,6 +30,7 @@ from hil.world.truth import simulate
 RATE_HZ = 10.0  # rate of the simulated samples; weights raise it to the rate of each sensor
 STEP_S = 0.01  # step of the integration
 STEPS = (1.0, *[1e-3] * 3, *[1.0] * 6)  # of mass [kg], centre of mass [m], inertia [kg m2]
+NAMES = ("m", "cx", "cy", "cz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
 MODE_STEP = 0.02  # relative step of a modal mass; step of ln(frequency) and ln(damping)
 
 
@@ -148,15 +149,15 @@ def study(scenario: str, runs: Path) -> int:
     valid = [row for row in rows if row["scenario"] == scenario and row["valid"]]
     if not valid:
         raise ScenarioError(f"--runs {runs}: no valid run of {scenario}")
-    table = Table(
-        title=f"{scenario}: sigma over its bound, modes included; {len(valid)} valid runs"
+    print_table(
+        f"{scenario}: sigma over its bound, modes included; {len(valid)} valid runs",
+        ("body", *NAMES),
+        [
+            [body, *(f"{value:.2f}" for value in ratio)]
+            for body, ratio in ratios(load(scenario), valid).items()
+        ],
+        100,
     )
-    names = ("m", "cx", "cy", "cz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
-    for column in ("body", *names):
-        table.add_column(column, justify="right")
-    for body, ratio in ratios(load(scenario), valid).items():
-        table.add_row(body, *(f"{value:.2f}" for value in ratio))
-    Console().print(table)
     return 0
 
 

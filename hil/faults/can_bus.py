@@ -155,7 +155,7 @@ def _node_reset(place: Place) -> None:
     """Reset one node; the node is silent until an NMT command starts it."""
     first, _ = place.window_ns
     if place.reference:
-        place.can_within((first, first + 8 * MS), faults.drop, faults.drop)
+        place.can(faults.drop, faults.drop, window_ns=(first, first + 8 * MS))
         return
     done = False
 

@@ -64,27 +64,18 @@ class Place:
         only: Callable[[TimedFrame], bool] | None = None,
         *,
         rest: int = 0,
+        window_ns: tuple[int, int] | None = None,
     ) -> Struck[TimedFrame]:
-        """Apply the action to frames on their way to the host; `rate` is the default share."""
-        return self.can_within(self.window_ns, action, instead, rate, only, rest=rest)
+        """Apply the action to frames on their way to the host.
 
-    def can_within(
-        self,
-        window_ns: tuple[int, int],
-        action: FrameAction,
-        instead: FrameAction,
-        rate: float = 1.0,
-        only: Callable[[TimedFrame], bool] | None = None,
-        *,
-        rest: int = 0,
-    ) -> Struck[TimedFrame]:
-        """Apply the action to frames within the window `window_ns`."""
+        `rate` is the default share; `window_ns` None: the fault's own window.
+        """
         struck = Struck(
             instead if self.reference else action,
             self.entry.rate or rate,
             self.seed,
             only=only or self.answers,
-            window_ns=window_ns,
+            window_ns=window_ns or self.window_ns,
             rest=rest,
         )
         self.world.can.tap = chain(self.world.can.tap, struck)

@@ -53,30 +53,24 @@ class Stuck:
 
 def torque(change: Change) -> FrameAction:
     """Return the action that changes the torque [N m] of a TPDO1."""
-
-    def changed(frame: TimedFrame, _rng: np.random.Generator) -> list[TimedFrame]:
-        t_ns, can_id, data, is_fd = frame
-        form = tpdo1.layout(data)
-        if form is None:
-            return [frame]
-        value = change(form.read(data, "torque") / form.counts_per_nm, t_ns)
-        data = form.written(data, {"torque": value * form.counts_per_nm})
-        return [(t_ns, can_id, data, is_fd)]
-
-    return changed
+    return _measured("torque", lambda form: form.counts_per_nm, change)
 
 
 def position(change: Change) -> FrameAction:
     """Return the action that changes the position [rad] of a TPDO1."""
+    return _measured("position", lambda _form: COUNTS_PER_RAD, change)
 
+
+def _measured(
+    name: tpdo1.Field, counts: Callable[[tpdo1.Layout], float], change: Change
+) -> FrameAction:
     def changed(frame: TimedFrame, _rng: np.random.Generator) -> list[TimedFrame]:
         t_ns, can_id, data, is_fd = frame
         form = tpdo1.layout(data)
         if form is None:
             return [frame]
-        value = change(form.read(data, "position") / COUNTS_PER_RAD, t_ns)
-        data = form.written(data, {"position": value * COUNTS_PER_RAD})
-        return [(t_ns, can_id, data, is_fd)]
+        value = change(form.read(data, name) / counts(form), t_ns)
+        return [(t_ns, can_id, form.written(data, {name: value * counts(form)}), is_fd)]
 
     return changed
 

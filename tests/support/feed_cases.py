@@ -1,6 +1,5 @@
 """A robot whose joints, inertial unit and star tracker are on one live feed."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,6 +9,7 @@ from fsw.drivers.sources.feed import FeedSource
 from fsw.drivers.wire import ByteChunk
 from hil.devices.feed import packed, sealed
 from tests.conftest import ArmProject
+from tests.support.keys import write_key
 
 MS = 1_000_000
 START_NS = 50_000 * MS
@@ -23,9 +23,7 @@ def on_feed(arm: ArmProject, *, everything: bool = False, **feed: Any) -> ArmPro
     bus = {"name": "arm", "interface": "samples", "channel": "127.0.0.1", "port": 45454}
     section = {"source": SOURCE} | feed
     if "key_file" in feed:
-        path = arm.folder / feed["key_file"]
-        path.write_bytes(KEY)
-        path.chmod(0o600)
+        write_key(arm.folder / feed["key_file"], KEY)
     arm.data["buses"] = [bus | {"rate_hz": RATE_HZ, "feed": section}]
     for joint in arm.data["joints"]:
         del joint["node_id"]
@@ -82,8 +80,3 @@ def counts(source: FeedSource, name: str = "arm") -> dict[str, int]:
 def joint_times_ns(samples: list[Any]) -> np.ndarray:
     """Return the times of validity of the first joint."""
     return np.concatenate([part.t_ns[part.joint == 0] for part in samples])
-
-
-def write_key(path: Path, key: bytes, mode: int = 0o600) -> None:
-    path.write_bytes(key)
-    path.chmod(mode)

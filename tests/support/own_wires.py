@@ -8,6 +8,7 @@ from typing import Any
 import yaml
 
 from hil.world.scenario import FOLDER
+from tests.support.keys import write_key
 from tests.support.short_cases import IMU_RATE_HZ
 
 OWN = FOLDER / "configurations" / "target_leo.yaml"
@@ -191,9 +192,7 @@ def _eds(folder: Path, joints: list[dict[str, Any]]) -> dict[str, Any]:
 def _feed(folder: Path, joints: list[dict[str, Any]]) -> dict[str, Any]:
     """Describe a sender of datagrams with a clock and a key of its own, in another order."""
     joints.reverse()
-    key = folder / "feed.key"
-    key.write_bytes(bytes(range(32)))
-    key.chmod(0o600)
+    write_key(folder / "feed.key", bytes(range(32)))
     feed = {"source": 12, "clock": "unix", "key_file": "feed.key"}
     return {"interface": "samples", "channel": "feed.sock", "feed": feed}
 

@@ -1,3 +1,5 @@
+from collections.abc import Iterator
+
 import pytest
 
 from tests.conftest import ArmProject
@@ -5,8 +7,9 @@ from tests.support.application_cases import Flight, flight_config
 
 
 @pytest.fixture
-def flight(arm: ArmProject) -> Flight:
+def flight(arm: ArmProject) -> Iterator[Flight]:
     """A daemon that is identifying."""
     flight = Flight(flight_config(arm))
     flight.up()
-    return flight
+    yield flight
+    flight.app.close()

@@ -3,10 +3,16 @@
 from dataclasses import replace
 from pathlib import Path
 
-from evidence.excitation.flown import predicted, ratios
+import numpy as np
+from scipy.linalg import block_diag
+
+from fsw.estimators.model.inertia import report_jacobian, to_parameters
 from hil.judge import judgement
 from hil.run import bench
 from hil.world.scenario import load
+from planner import criteria, spline
+from planner.foreseen import foreseen_root
+from planner.subject import build_subject
 from tests.support.short_cases import NoMeter, short
 
 CHI2_10_999 = 29.6  # 99.9 % bound of chi-squared with 10 degrees of freedom
@@ -35,13 +41,26 @@ def test_the_target_of_one_arm_is_found_while_both_move(tmp_path):
         assert counters["lost"] == counters["late"] == counters["rejected"] == 0
 
 
+def predicted(setup: bench.Setup) -> np.ndarray:
+    """Return the covariance of the reported quantities that a plan of the motion promises."""
+    own = build_subject(setup.config)
+    reports = [setup.scenario.truth[body] for body in own.problem.unknown]
+    x = np.concatenate([to_parameters(r[0], r[1:4], r[4:]) for r in reports])
+    T = block_diag(*(report_jacobian(x[own.problem.body(b)]) for b in own.problem.unknown))
+    known = own.problem.prior.at(np.concatenate([x, own.problem.prior_mean[len(x) :]]))
+    own = replace(own, x=x, state_covariance=known.covariance(), scale=replace(own.scale, T=T))
+    root = foreseen_root(own, spline.load(setup.scenario.identification))
+    return criteria.report_covariance(root, own.scale)
+
+
 def test_the_target_is_found_while_four_wheels_hold_a_light_base(tmp_path):
     outcome, recorded = judged(tmp_path, "dual_arm")
     assert outcome["valid"], outcome["reason"]
     assert outcome["nees"] < CHI2_10_999
     assert all(c["lost"] == c["late"] == 0 for c in recorded.status["samples"].values())
-    setup = prepared(tmp_path, "dual_arm")  # what a plan of this motion promises is what it gave
-    found = ratios(outcome["sigma"], predicted(setup.config, setup.scenario))
+    promised = np.sqrt(np.diag(predicted(prepared(tmp_path, "dual_arm"))))
+    sigma = outcome["sigma"]["target"]
+    found = np.array([sigma["mass_kg"], *sigma["com_m"], *sigma["inertia_kg_m2"]]) / promised
     assert 0.85 < found.min() < found.max() < 1.15
 
 

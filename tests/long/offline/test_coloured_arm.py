@@ -40,14 +40,19 @@ def motion(rng: np.random.Generator, arm: pin.Model) -> tuple[np.ndarray, ...]:
     return t, middle + q, qd, qdd
 
 
-def table(seed: int, mass_kg: float) -> np.ndarray:
-    """Return times, measured angles and measured torques; friction is 3 % of the torques."""
-    rng, arm = np.random.default_rng(seed), pin.buildModelFromUrdf(str(URDF))
+def loaded(arm: pin.Model, mass_kg: float) -> pin.Model:
+    """Return the arm, which holds a payload from now on."""
     if mass_kg:
         flange = arm.frames[arm.getFrameId("flange")]
         payload = pin.Inertia(mass_kg, COM_M, INERTIA_KG_M2)
         arm.appendBodyToJoint(flange.parentJoint, payload, flange.placement)
-    t, q, qd, qdd = motion(rng, arm)
+    return arm
+
+
+def table(seed: int, mass_kg: float) -> np.ndarray:
+    """Return times, measured angles and measured torques; friction is 3 % of the torques."""
+    rng, arm = np.random.default_rng(seed), pin.buildModelFromUrdf(str(URDF))
+    t, q, qd, qdd = motion(rng, loaded(arm, mass_kg))
     data, n = arm.createData(), arm.nq
     tau = np.array([pin.rnea(arm, data, *one) for one in zip(q, qd, qdd, strict=True)])
     dry = 0.1 * np.exp(0.5 * rng.normal(size=n)) + 0.01 * np.abs(tau)
@@ -112,11 +117,7 @@ def currents(seed: int, mass_kg: float) -> np.ndarray:
     rng, arm = np.random.default_rng(seed), pin.buildModelFromUrdf(str(URDF))
     for k, link in enumerate(arm.inertias):
         arm.inertias[k] = pin.Inertia(1.15 * link.mass, link.lever, 1.15 * link.inertia)
-    if mass_kg:
-        flange = arm.frames[arm.getFrameId("flange")]
-        payload = pin.Inertia(mass_kg, COM_M, INERTIA_KG_M2)
-        arm.appendBodyToJoint(flange.parentJoint, payload, flange.placement)
-    t, q, qd, qdd = motion(rng, arm)
+    t, q, qd, qdd = motion(rng, loaded(arm, mass_kg))
     data, limit = arm.createData(), arm.effortLimit
     tau = np.array([pin.rnea(arm, data, *one) for one in zip(q, qd, qdd, strict=True)])
     friction = (0.05 * limit + 0.08 * np.abs(tau)) * np.tanh(qd / 0.03) + 0.03 * limit * qd

@@ -9,6 +9,7 @@ from fsw.telemetry.link.sdls_numbers import NumberStore
 from fsw.telemetry.link.sdls_sender import AHEAD, OVERHEAD_BYTES, FrameSender
 from ground.downlink import FrameStream
 from tests.support.fake_daemon import packet
+from tests.support.keys import write_key
 from tests.support.sdls_sender import with_fecf
 
 KEY, OTHER = bytes(range(50, 82)), bytes(range(60, 92))
@@ -32,14 +33,7 @@ class Sealing(FrameSender):
 
 @pytest.fixture
 def key_file(tmp_path):
-    return write_key(tmp_path, KEY)
-
-
-def write_key(folder, key):
-    new = folder / "new"
-    new.write_bytes(key)
-    new.chmod(0o600)
-    return new.replace(folder / "tm.key")
+    return write_key(tmp_path / "tm.key", KEY)
 
 
 def reader(key_file, **options) -> FrameStream:
@@ -149,7 +143,7 @@ def test_a_key_that_was_changed_on_board_is_read_again_on_the_ground(key_file, t
     assert opened(stream, sender.seal(HEALTH)) == [HEALTH]
     sender.use(Association(spi=2, key=OTHER, role=Role.TELEMETRY))
     assert opened(stream, sender.seal(HEALTH)) == []
-    write_key(tmp_path, OTHER)
+    write_key(tmp_path / "tm.key", OTHER)
     assert opened(stream, sender.seal(HEALTH)) == [HEALTH]
     (tmp_path / "tm.key").unlink()
     assert opened(stream, sender.seal(HEALTH)) == [HEALTH], "the file is needed no more"

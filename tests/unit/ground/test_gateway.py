@@ -32,14 +32,6 @@ MASS = "estimate.target_mass_kg"
 TOKEN = "a token of many characters"
 
 
-@pytest.fixture
-def assets(tmp_path):
-    folder = tmp_path / "openmct"
-    folder.mkdir()
-    (folder / "openmct.js").write_text("// Open MCT")
-    return folder
-
-
 @asynccontextmanager
 async def commanding(port, assets, desk):
     guard = Guard("127.0.0.1", TOKEN)

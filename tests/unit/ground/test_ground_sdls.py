@@ -8,6 +8,7 @@ from fsw.telemetry.link.sdls import Accepted, Association, FrameReceiver, Reject
 from fsw.telemetry.link.sdls_numbers import NumberStore
 from ground.errors import UsageError
 from ground.sdls import Sealer
+from tests.support.keys import write_key
 from tests.support.nonce_reuse import forge_from_one_nonce
 from tests.support.sdls_sender import Sender
 
@@ -16,10 +17,7 @@ KEY = bytes(range(32))
 
 @pytest.fixture
 def key_file(tmp_path):
-    path = tmp_path / "uplink.key"
-    path.write_bytes(KEY)
-    path.chmod(0o600)
-    return path
+    return write_key(tmp_path / "uplink.key", KEY)
 
 
 def sealer(key_file, tmp_path) -> Sealer:
@@ -91,10 +89,7 @@ def test_numbers_continue_where_they_are_set_higher_or_lower(key_file, tmp_path)
 def test_a_key_file_that_is_replaced_is_the_key_of_the_next_frame(key_file, tmp_path):
     ours = sealer(key_file, tmp_path)
     ours.seal(b"x")
-    new = tmp_path / "new.key"
-    new.write_bytes(KEY[::-1])
-    new.chmod(0o600)
-    new.replace(key_file)
+    write_key(key_file, KEY[::-1])
     frame = ours.seal(b"x")
     assert frame == Sender(key=KEY[::-1]).frame(b"x", *iv_of(frame))
     assert iv_of(frame)[0] == 0, "every key has its own numbers"

@@ -18,14 +18,6 @@ TOKEN = "a token of many characters"
 READS = ("/", "/objects", "/latest/estimate.target_mass_kg", "/history/events?start=0&end=1e15")
 
 
-@pytest.fixture
-def assets(tmp_path):
-    folder = tmp_path / "openmct"
-    folder.mkdir()
-    (folder / "openmct.js").write_text("// Open MCT")
-    return folder
-
-
 @asynccontextmanager
 async def gateway(assets, guard=None, port=1):
     app = application("127.0.0.1", port, assets, None, guard or Guard("127.0.0.1"))

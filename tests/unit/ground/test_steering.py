@@ -7,15 +7,13 @@ from fsw.telemetry.link.sdls_numbers import NumberStore
 from fsw.telemetry.link.sdls_sender import FrameSender
 from ground.__main__ import main
 from tests.support.fake_daemon import report
+from tests.support.keys import write_key
 from tests.support.sealed_daemon import KEY, REPLAY, SealedDaemon
 
 
 @pytest.fixture
 def key_file(tmp_path):
-    path = tmp_path / "uplink.key"
-    path.write_bytes(KEY)
-    path.chmod(0o600)
-    return path
+    return write_key(tmp_path / "uplink.key", KEY)
 
 
 def run(daemon: SealedDaemon, key_file, *words: str) -> int:
@@ -84,10 +82,7 @@ TELEMETRY = bytes(range(100, 132))
 
 @pytest.fixture
 def tm_key(tmp_path):
-    path = tmp_path / "tm.key"
-    path.write_bytes(TELEMETRY)
-    path.chmod(0o600)
-    return path
+    return write_key(tmp_path / "tm.key", TELEMETRY)
 
 
 def frame_sender(folder, key=TELEMETRY) -> FrameSender:

@@ -9,6 +9,7 @@ import pytest
 from fsw.telemetry.dictionary.codes import Error
 from fsw.telemetry.link.packets import Telemetry
 from tests.conftest import ArmProject
+from tests.support.keys import write_key
 from tests.support.live_daemon import PATIENCE_S, Ground, Run, running
 from tests.support.sdls_sender import Sender, with_fecf
 
@@ -54,9 +55,7 @@ def assert_replays_are_refused(run: Run, recorder: Recorder) -> None:
 
 @pytest.fixture
 def run(arm: ArmProject):
-    path = arm.folder / "uplink.key"
-    path.write_bytes(KEY)
-    path.chmod(0o600)
+    write_key(arm.folder / "uplink.key", KEY)
     keys = [{"spi": 1, "file": "uplink.key"}]
     with running(arm, tc_security="sdls", sdls={"keys": keys, "window": 64}) as run:
         yield run

@@ -9,23 +9,17 @@ from contextlib import ExitStack
 import pytest
 
 from tests.conftest import ArmProject
+from tests.support.keys import write_key
 from tests.support.live_daemon import PATIENCE_S, Run, running
 
 KEYS = {"a.key": bytes(range(32)), "b.key": bytes(range(1, 33)), "look.key": bytes(range(2, 34))}
 TM = bytes(range(3, 35))
 
 
-def write_key(arm: ArmProject, name: str, key: bytes) -> None:
-    new = arm.folder / "new"
-    new.write_bytes(key)
-    new.chmod(0o600)
-    new.replace(arm.folder / name)
-
-
 @pytest.fixture
 def run(arm: ArmProject):
     for name, key in {**KEYS, "tm.key": TM}.items():
-        write_key(arm, name, key)
+        write_key(arm.folder / name, key)
     keys = [
         {"spi": 1, "file": "a.key"},
         {"spi": 3, "file": "b.key"},
@@ -70,13 +64,13 @@ def test_the_ground_works_through_sealed_telemetry(run: Run, arm: ArmProject, cl
     assert done.returncode == 3
     assert "NOT_AUTHORISED" in done.stdout
 
-    write_key(arm, "a.key", bytes(range(60, 92)))
-    write_key(arm, "tm.key", bytes(range(90, 122)))
+    write_key(arm.folder / "a.key", bytes(range(60, 92)))
+    write_key(arm.folder / "tm.key", bytes(range(90, 122)))
     refused = ground(arm, run, "tc", "PING", "--timeout", "3")
     assert refused.returncode in (1, 5), "the daemon still has the old keys"
-    write_key(arm, "tm.key", TM)
+    write_key(arm.folder / "tm.key", TM)
     assert ground(arm, run, "tc", "PING", *patience, key="b.key", spi=3).returncode == 0
-    write_key(arm, "tm.key", bytes(range(90, 122)))
+    write_key(arm.folder / "tm.key", bytes(range(90, 122)))
     loaded = ground(arm, run, "tc", "LOAD_KEYS", *patience, key="b.key", spi=3)
     assert loaded.returncode == 0, loaded.stdout + loaded.stderr
     assert ground(arm, run, "tc", "PING", *patience).returncode == 0

@@ -9,7 +9,8 @@ from offline.check_recording import _advice
 from offline.describe import describe
 from offline.replay import topics_of
 from tests.support.check_cases import assert_named, fault
-from tests.support.feed_cases import KEY, on_feed, write_key
+from tests.support.feed_cases import KEY, on_feed
+from tests.support.keys import write_key
 
 
 def refused(arm) -> str:

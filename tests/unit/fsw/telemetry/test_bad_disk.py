@@ -11,6 +11,7 @@ from fsw.telemetry.link.sdls import RANDOM_BITS
 from fsw.telemetry.state.epoch import Epoch
 from tests.conftest import ArmProject
 from tests.support.application_cases import SECOND, Flight, flight_config
+from tests.support.keys import write_key
 from tests.support.sdls_sender import Sender
 from tests.support.small_disk import fill, read_only, small_disk, use_up_inodes
 
@@ -33,9 +34,7 @@ class Link:
 
     def __init__(self, arm: ArmProject, disk, *, utc_s: int = 1_800_000_000) -> None:
         for name, key in (("command.key", COMMAND), ("telemetry.key", TELEMETRY)):
-            path = arm.folder / name
-            path.write_bytes(key)
-            path.chmod(0o600)
+            write_key(arm.folder / name, key)
         slots = [
             {"spi": 1, "file": "command.key"},
             {"spi": 2, "file": "telemetry.key", "role": "telemetry"},

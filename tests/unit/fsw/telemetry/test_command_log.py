@@ -17,14 +17,6 @@ from tests.support.application_cases import SECOND, Flight, flight_config
 from tests.unit.fsw.telemetry.services.test_parameters import set_values
 
 
-@pytest.fixture
-def flight(arm):
-    flight = Flight(flight_config(arm))
-    flight.up()
-    yield flight
-    flight.app.close()
-
-
 def give(flight: Flight, name: str, values: dict | None = None, *, number: int = 1) -> None:
     """Give a telecommand as a client sends it."""
     packet = telecommand_packet(DICTIONARY.telecommand(name), values or {}, 1000 + number)

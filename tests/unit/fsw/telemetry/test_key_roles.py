@@ -10,6 +10,7 @@ from fsw.telemetry.link.packets import telecommand_packet, uplink_file_packet
 from ground.downlink import FrameStream
 from tests.conftest import ArmProject
 from tests.support.application_cases import DONE, Flight, flight_config
+from tests.support.keys import write_key
 from tests.support.sdls_sender import Sender
 
 COMMAND, SPARE, LOOK, TELEMETRY = (bytes(range(k, k + 32)) for k in (0, 40, 80, 120))
@@ -22,19 +23,12 @@ KEYS = [
 ]
 
 
-def write_key(arm: ArmProject, name: str, key: bytes) -> None:
-    new = arm.folder / "new"
-    new.write_bytes(key)
-    new.chmod(0o600)
-    new.replace(arm.folder / name)
-
-
 class Operator:
     """A flight, and frames under several keys."""
 
     def __init__(self, arm: ArmProject) -> None:
         for name, key in NAMES.items():
-            write_key(arm, name, key)
+            write_key(arm.folder / name, key)
         config = flight_config(arm, tc_security="sdls", sdls={"keys": KEYS, "window": 64})
         self.flight = Flight(config)
         self.flight.up()
@@ -97,7 +91,7 @@ def test_a_key_is_changed_without_a_restart(operator, arm):
     assert operator.ping()
     assert operator.ping(SPARE, 3)
     fresh = bytes(range(200, 232))
-    write_key(arm, "command.key", fresh)
+    write_key(arm.folder / "command.key", fresh)
     assert operator.ping(), "a file alone changes nothing"
     assert operator.load_keys()[-1] == DONE[2]
     assert not operator.ping()
@@ -110,7 +104,7 @@ def test_a_key_is_changed_without_a_restart(operator, arm):
 
 @pytest.mark.parametrize("fault", ["short", "open", "gone", "twice"])
 def test_keys_that_cannot_be_used_leave_the_old_ones(operator, arm, fault):
-    write_key(arm, "command.key", {"short": bytes(31), "twice": LOOK}.get(fault, bytes(32)))
+    write_key(arm.folder / "command.key", {"short": bytes(31), "twice": LOOK}.get(fault, bytes(32)))
     if fault == "open":
         (arm.folder / "command.key").chmod(0o644)
     if fault == "gone":
@@ -124,9 +118,9 @@ def test_keys_that_cannot_be_used_leave_the_old_ones(operator, arm, fault):
 def test_a_replaced_key_that_comes_back_accepts_no_old_frame(operator, arm):
     ping = operator.packet("PING")
     assert "alive" in operator.send(ping, COMMAND, 1)
-    write_key(arm, "command.key", bytes(32))
+    write_key(arm.folder / "command.key", bytes(32))
     operator.load_keys()
-    write_key(arm, "command.key", COMMAND)
+    write_key(arm.folder / "command.key", COMMAND)
     operator.load_keys()
     frame = Sender(key=COMMAND, spi=1, virtual_channel=0).frame(ping, 0, 7)
     receiver = operator.flight.app.link.security.receiver
@@ -138,7 +132,7 @@ def test_telemetry_is_sealed_and_its_key_changes_with_the_others(operator, arm):
     options = {"spi": 2, "spacecraft_id": 42, "virtual_channel": 0}
     stream = FrameStream(arm.folder / "tm.key", arm.folder / "ground", **options)
     for key in (TELEMETRY, bytes(32)):
-        write_key(arm, "tm.key", key)
+        write_key(arm.folder / "tm.key", key)
         operator.load_keys()
         stream.add(seal(operator.flight.raw[-1]))
         assert list(stream.packets()) == [operator.flight.raw[-1]]

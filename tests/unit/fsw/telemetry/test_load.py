@@ -2,8 +2,6 @@
 
 import socket
 
-import pytest
-
 from fsw.messages import Event
 from fsw.telemetry.dictionary import DICTIONARY
 from fsw.telemetry.dictionary.codes import Error
@@ -15,14 +13,6 @@ from tests.support.application_cases import DONE, SECOND, Flight, flight_config
 
 REPORTS = 5  # of one telecommand: verification and events
 DUMP = DICTIONARY.telecommand("EVENT_LOG_DUMP")
-
-
-@pytest.fixture
-def flight(arm):
-    flight = Flight(flight_config(arm))
-    flight.up()
-    yield flight
-    flight.app.close()
 
 
 def leap(flight: Flight, seconds: float) -> None:

@@ -9,6 +9,7 @@ from fsw.telemetry.dictionary.codes import Error
 from fsw.telemetry.link.packets import telecommand_packet
 from tests.conftest import ArmProject
 from tests.support.application_cases import DONE, Flight, flight_config
+from tests.support.keys import write_key
 from tests.support.sdls_sender import Sender, with_fecf
 
 KEY = bytes(range(32))
@@ -17,9 +18,7 @@ SENDER = Sender(key=KEY, spi=1, virtual_channel=0)
 
 @pytest.fixture
 def config(arm: ArmProject):
-    path = arm.folder / "uplink.key"
-    path.write_bytes(KEY)
-    path.chmod(0o600)
+    write_key(arm.folder / "uplink.key", KEY)
     keys = [{"spi": 1, "file": "uplink.key"}]
     return flight_config(arm, tc_security="sdls", sdls={"keys": keys, "window": 64})
 

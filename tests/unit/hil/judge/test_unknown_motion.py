@@ -20,39 +20,30 @@ def encoders(noise_rad: float, n: int = 1) -> Encoders:
     )
 
 
-@pytest.mark.parametrize("noise_rad", [1e-6, 1e-4, 1e-3])
-def test_inertia_from_a_sinusoid_of_one_joint_is_known_as_its_spectrum_says(noise_rad):
-    """tau = I qdd: at one frequency, torque and I times the encoder's qdd have white densities."""
-    inertia, torque_nm, w, swing = 2.0, 0.05, 2 * np.pi * 0.4, 0.3
-    t = np.arange(0.0, LENGTH_S, 1 / RATE_HZ)
-    qdd = -swing * w**2 * np.sin(w * t)
-    unknown = UnknownMotion(encoders(noise_rad), len(t), RATE_HZ, 1)
-    known, weight = 0.0, ENCODER_HZ / RATE_HZ / torque_nm**2
-    for k, acceleration in enumerate(qdd):
-        A, by_motion = np.array([[acceleration]]), np.array([[0.0, 0.0, inertia]])
-        unknown.add(k, A, by_motion, np.array([weight]))
-        known += weight * acceleration**2
-    density = (torque_nm**2 + inertia**2 * w**4 * noise_rad**2) / ENCODER_HZ
-    closed = 0.5 * LENGTH_S * (swing * w**2) ** 2 / density
-    assert known - unknown.cost()[0, 0] == pytest.approx(closed, rel=0.01)
-
-
-def test_a_speed_encoder_costs_what_its_own_spectrum_says():
-    inertia, torque_nm, w, swing, noise_rad_s = 2.0, 0.05, 2 * np.pi * 0.4, 0.3, 0.02
-    t = np.arange(0.0, LENGTH_S, 1 / RATE_HZ)
-    own = Encoders(
+def of_speed(noise_rad_s: float) -> Encoders:
+    return Encoders(
         rate_hz=ENCODER_HZ,
         angle_noise_rad=np.array([np.inf]),
         speed_noise_rad_s=np.array([noise_rad_s]),
         start_sigma_rad=np.array([1e-3]),
     )
-    unknown = UnknownMotion(own, len(t), RATE_HZ, 1)
+
+
+@pytest.mark.parametrize(
+    ("made", "noise", "power"),
+    [(encoders, 1e-6, 4), (encoders, 1e-4, 4), (encoders, 1e-3, 4), (of_speed, 0.02, 2)],
+)
+def test_inertia_from_a_sinusoid_of_one_joint_is_known_as_its_spectrum_says(made, noise, power):
+    """tau = I qdd: at one frequency, torque and I times the encoder's qdd have white densities."""
+    inertia, torque_nm, w, swing = 2.0, 0.05, 2 * np.pi * 0.4, 0.3
+    t = np.arange(0.0, LENGTH_S, 1 / RATE_HZ)
+    unknown = UnknownMotion(made(noise), len(t), RATE_HZ, 1)
     known, weight = 0.0, ENCODER_HZ / RATE_HZ / torque_nm**2
     for k, acceleration in enumerate(-swing * w**2 * np.sin(w * t)):
         A, by_motion = np.array([[acceleration]]), np.array([[0.0, 0.0, inertia]])
         unknown.add(k, A, by_motion, np.array([weight]))
         known += weight * acceleration**2
-    density = (torque_nm**2 + inertia**2 * w**2 * noise_rad_s**2) / ENCODER_HZ
+    density = (torque_nm**2 + inertia**2 * w**power * noise**2) / ENCODER_HZ
     closed = 0.5 * LENGTH_S * (swing * w**2) ** 2 / density
     assert known - unknown.cost()[0, 0] == pytest.approx(closed, rel=0.01)
 

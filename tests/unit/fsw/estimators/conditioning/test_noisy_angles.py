@@ -45,20 +45,14 @@ def test_gain_by_angles_agrees_with_finite_differences(rate):
     x, block = truth(problem), with_angles(random_block())
     one = predict(block, x, problem, rate)
     assert predict(random_block(), x, problem, rate).D_q is None
-    h = 1e-5
+    h, names = 1e-5, ("tau_nm", "f_m_s2", "w_rad_s")
     for j in range(N):
-        step = np.zeros((NODES, N))
-        step[:, j] = h
-        ends = [
-            predict(replace(block, q_rad=block.q_rad + s * step), x, problem, rate) for s in (1, -1)
-        ]
-        numeric = np.concatenate(
-            [
-                getattr(ends[0], name) - getattr(ends[1], name)
-                for name in ("tau_nm", "f_m_s2", "w_rad_s")
-            ],
-            axis=1,
-        ) / (2 * h)
+        up, down = (
+            predict(replace(block, q_rad=block.q_rad + s * np.eye(N)[j]), x, problem, rate)
+            for s in (h, -h)
+        )
+        parts = [getattr(up, name) - getattr(down, name) for name in names]
+        numeric = np.concatenate(parts, axis=1) / (2 * h)
         if rate == "measured":
             numeric[:, N + 3 :] = 0.0
         assert np.allclose(one.D_q[:, :, j], numeric, atol=1e-5 * np.abs(one.D_q).max())
@@ -104,14 +98,18 @@ def measured_block(index: int, rng: np.random.Generator) -> Block:
     )
 
 
-def test_residuals_are_as_large_as_their_covariance_says():
-    """Whitened at the truth over 19 windows; with the angles taken as exact they are too large."""
-    problem = replace(
+def noisy_problem() -> Problem:
+    return replace(
         make_problem(("target",), biases=False),
         p_BS_m=np.zeros(3),
         window_s=LONG_S,
         angles_are_noisy=True,
     )
+
+
+def test_residuals_are_as_large_as_their_covariance_says():
+    """Whitened at the truth over 19 windows; with the angles taken as exact they are too large."""
+    problem = noisy_problem()
     x, rng = truth(problem), np.random.default_rng(5)
     told, untold, dof = 0.0, 0.0, 0
     for k in range(WINDOWS):
@@ -126,12 +124,7 @@ def test_residuals_are_as_large_as_their_covariance_says():
 
 def test_the_smoothed_jacobian_is_not_correlated_with_the_residuals():
     """The score at the truth has mean zero: |sum A^T b| within its own covariance."""
-    problem = replace(
-        make_problem(("target",), biases=False),
-        p_BS_m=np.zeros(3),
-        window_s=LONG_S,
-        angles_are_noisy=True,
-    )
+    problem = noisy_problem()
     x, rng = truth(problem), np.random.default_rng(6)
     score, G = np.zeros(len(x)), np.zeros((len(x), len(x)))
     for k in range(WINDOWS):
