@@ -63,7 +63,18 @@ class FloatingRobot:
         for k, body in enumerate(unknown):
             self.select[spots[body], COUNT * k : COUNT * (k + 1)] = maps[body]
         self._q = pin.neutral(self.model)
+        first = np.array([joint.idx_q for joint in list(self.model.joints)[2:]], np.intp)
+        self._turns = np.array([joint.nq == 2 for joint in list(self.model.joints)[2:]], bool)
+        self._straight, self._cosine = first[~self._turns], first[self._turns]
         self._zero = np.zeros(self.model.nv)
+
+    def _pose(self, q: FloatArray) -> None:
+        """Set the library's coordinates: cosine and sine of a continuous joint, else the angle."""
+        self._q[self._straight] = q[~self._turns]
+        self._q[self._cosine], self._q[self._cosine + 1] = (
+            np.cos(q[self._turns]),
+            np.sin(q[self._turns]),
+        )
 
     def stacked(self, x: FloatArray) -> FloatArray:
         """Return pi (10 (n + 1),) with the parameters x of the unknown bodies."""
@@ -71,7 +82,7 @@ class FloatingRobot:
 
     def regressor(self, q: FloatArray, nu: FloatArray, a: FloatArray) -> FloatArray:
         """Return Y (6 + n, 10 (n + 1)) as a new array: generalised force = Y pi."""
-        self._q[7:] = q
+        self._pose(q)
         return np.array(pin.computeJointTorqueRegressor(self.model, self.data, self._q, nu, a))
 
     def mass_columns(self, q: FloatArray) -> FloatArray:
@@ -94,7 +105,7 @@ class FloatingRobot:
         for joint in range(1, self.model.njoints):
             own = pi[COUNT * (joint - 1) : COUNT * joint]
             self.model.inertias[joint] = pin.Inertia.FromDynamicParameters(own)
-        self._q[7:] = q
+        self._pose(q)
         pin.computeRNEADerivatives(self.model, self.data, self._q, nu, a)
         H = np.triu(self.data.M)  # Pinocchio fills the upper triangle
         H = H + np.triu(H, 1).T
@@ -114,7 +125,7 @@ class FloatingRobot:
 
     def tool_pose(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return R_BE (3, 3) and p_BE_B (3,) of the tool frame."""
-        self._q[7:] = q
+        self._pose(q)
         pin.framesForwardKinematics(self.model, self.data, self._q)
         pose = self.data.oMf[self._tool]
         return np.array(pose.rotation), np.array(pose.translation)

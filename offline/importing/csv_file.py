@@ -6,14 +6,17 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from itertools import takewhile
 from math import nan
 from pathlib import Path
 
 import numpy as np
 
+from fsw.config.signals import plain_unit
 from fsw.errors import ConfigError, brief
 from fsw.messages import FloatArray
 from offline.importing.columns import Columns
+from offline.importing.mapping import FACTORS
 
 DELIMITERS = (
     ";",
@@ -22,11 +25,15 @@ DELIMITERS = (
     ",",
 )  # the first that a row of numbers contains; otherwise white space
 COMMENTS = ("#", "%", "//")
+UNITS = {plain_unit(unit): unit for unit in FACTORS if unit not in ("iso", "1")} | {"sec": "s"}
 NOTHING = ("", "nan", "null", "none", "n/a", "na", "-", "#n/a", "1.#qnan", "-1.#ind", "-nan(ind)")
 TITLES = 20  # the header is not below so many lines
 MOST_DROPPED = 0.01  # share of rows of another length, and at least one row
 _DATE = re.compile(r"\d{4}-?\d{2}-?\d{2}([T ]|$)")
+_ZONE = re.compile(r"[+-]\d{2}(:?\d{2})?$|[zZ]$")
 _SEPARATOR = re.compile(r"sep=.", re.IGNORECASE)  # a first line that Excel reads
+_THOUSANDS = re.compile(r"[-+]?\d{1,3}([,' ]\d{3})+(\.\d*)?")
+_WITH_UNIT = re.compile(r"[-+]?[\d.,]+\s*[^\W\d]\D*|[-+]?[\d.,]+\s*[°%]")
 _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d*([eE][-+]?\d+)?")
 
 
@@ -59,6 +66,7 @@ def csv_columns(path: Path) -> Columns:
     rows = [_Row(number, _cells(path, number, line, delimiter)) for number, line in body]
     before = [line for _, line in lines[: is_comment.index(False)]]
     titles = _titles(rows)
+    titles += _more_titles(rows[titles:])
     rows = rows[titles:]
     header, is_commented = _header(path, rows, before, delimiter)
     if header is rows[0].cells:
@@ -107,7 +115,7 @@ def numbers(path: Path, name: str, cells: Sequence[str], lines: Sequence[int]) -
             if cell.strip().lower() not in NOTHING:
                 values[row] = float(cell.replace(",", ".") if has_comma else cell)
         except ValueError as error:
-            hint = "; a date has unit: iso" if _DATE.match(cell) else ""
+            hint = "; a date has unit: iso" if _DATE.match(cell) else _addition(cell)
             raise ConfigError(
                 f"{path}: line {lines[row]}: {name!r} is {brief(cell)}; must be a number{hint}"
             ) from error
@@ -118,6 +126,13 @@ def numbers(path: Path, name: str, cells: Sequence[str], lines: Sequence[int]) -
             "decimal point; must be one of the two"
         )
     return values
+
+
+def _addition(cell: str) -> str:
+    """Return words on what stands in a cell beside the digits of a number."""
+    if _THOUSANDS.fullmatch(cell):
+        return ", without a thousands separator"
+    return ", without a unit; the mapping has it" if _WITH_UNIT.fullmatch(cell) else ""
 
 
 def times_s(path: Path, name: str, cells: Sequence[str], lines: Sequence[int]) -> FloatArray:
@@ -144,10 +159,12 @@ def times_s(path: Path, name: str, cells: Sequence[str], lines: Sequence[int]) -
     return values
 
 
-def has_zone(cells: Sequence[str]) -> bool:
-    """Return whether the first time has a zone."""
-    first = next((cell.strip() for cell in cells if cell.strip().lower() not in NOTHING), "")
-    return first.endswith(("Z", "z")) or re.search(r"[+-]\d{2}:?\d{2}$", first[10:]) is not None
+def zone_notes(cells: Sequence[str]) -> list[str]:
+    """Return a note on times without a zone, with their number if others have one."""
+    times = [own for cell in cells if (own := cell.strip()).lower() not in NOTHING]
+    bare = sum(_ZONE.search(own[10:]) is None for own in times)
+    some = f": {bare} of {len(times)}, the others have one" if bare < len(times) else ""
+    return [f"times without a zone, read as UTC{some}"] * bool(bare)
 
 
 def _text(path: Path) -> str:
@@ -219,6 +236,19 @@ def _titles(rows: Sequence[_Row]) -> int:
     return 0 if _is_data(rows[first].cells) else first
 
 
+def _more_titles(rows: Sequence[_Row]) -> int:
+    """Return 1 if a title with as many cells stands above the header, which units may follow."""
+    words = list(takewhile(lambda row: _is_words(row.cells), rows[:3]))
+    units = bool(words) and _is_units(words[-1].cells)
+    return int(len(words) == 2 + units and len(set(words[-1 - units].cells)) > 1)
+
+
+def _is_units(cells: Sequence[str]) -> bool:
+    """Return whether a row of words is of units: one stands twice, or one that a mapping knows."""
+    held = [plain_unit(cell.strip("[]() ")) for cell in cells if cell]
+    return len(set(held)) < len(held) or not UNITS.keys().isdisjoint(held)
+
+
 def _is_data(cells: Sequence[str]) -> bool:
     """Return whether all cells are numbers, dates, or nothing."""
     return all(map(_is_number, cells)) and any(cells)
@@ -249,7 +279,7 @@ def _of_one_length(
         return rows, []
     first = others[0]
     if len(others) > max(1, MOST_DROPPED * len(rows)) or len(others) == len(rows):
-        is_split = len(first.cells) == 2 * width
+        is_split = len(first.cells) > width and not any("." in cell for cell in first.cells)
         raise ConfigError(
             f"{path}: line {first.number} has {len(first.cells)} values for {width} columns, and "
             f"{len(others)} of {len(rows)} lines have another number than the header"

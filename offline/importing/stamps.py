@@ -44,7 +44,8 @@ def refuse_two_courses(
         if near > COURSES * next_but_one:
             raise ConfigError(
                 f"{path}: {column}: every second row follows another course, {near:.2g} away: do "
-                "two programs publish these values? keep the rows of one"
+                "two programs publish these values? keep the rows of one (of noise at half the "
+                "sample rate the mean of two rows)"
             )
 
 
@@ -117,5 +118,5 @@ def judged(
         troubles.append(f"gaps: {len(gaps)}, the longest {gaps.max():.3g} s")
     lasted_s = (t_ns[kept[-1]] - t_ns[kept[0]]) * 1e-9
     words = f"{len(kept)} samples in {lasted_s:.1f} s, {found_hz:.4g} Hz"
-    jitter = f"{words}, jitter {1e3 * float(regular.std()):.2g} ms rms"
+    jitter = f"{words}, jitter {1e3 * round(float(regular.std()), 9):.2g} ms rms"
     return kept, "; ".join([jitter, *troubles])

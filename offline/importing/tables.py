@@ -16,11 +16,9 @@ from fsw.errors import ConfigError, brief, cut, unforeseen
 from fsw.messages import FloatArray
 from offline.importing.bags import bag_columns
 from offline.importing.columns import Columns
-from offline.importing.csv_file import csv_columns, has_zone, numbers, times_s
-from offline.importing.mapping import FACTORS
+from offline.importing.csv_file import UNITS, csv_columns, numbers, times_s, zone_notes
 
 TABLES = (".csv", ".txt", ".tsv", ".dat")
-UNITS = {plain_unit(unit): unit for unit in FACTORS if unit not in ("iso", "1")} | {"sec": "s"}
 # what a damaged archive can raise in NumPy's reader
 _BROKEN = (
     OSError,
@@ -63,6 +61,20 @@ class Table:
     def names(self) -> list[str]:
         """Names of the columns."""
         return list(self._columns.values)
+
+    def described(self) -> str:
+        """Return the names of the columns, with what keeps one from being used."""
+        held = self._columns.values
+        shapes: dict[str, tuple[int, ...]]
+        shapes = {name: getattr(own, "shape", ()) for name, own in held.items()}
+        said = dict.fromkeys(held, "")
+        for name, shape in shapes.items():
+            if len(shape) == 2:
+                turned = " (a row is a sample: transposed?)" if shape[0] < shape[1] else ""
+                said[name] = f" {shape[0]} x {shape[1]}{turned}"
+        said |= dict.fromkeys(self._columns.twice, " (several columns)")
+        said |= {name: f" ({why})" for name, why in self._columns.absent.items()}
+        return cut(", ".join(f"{name or repr(name)}{words}" for name, words in said.items()))
 
     def width(self, name: str) -> int:
         """Return the number of columns of an array, 1 of a column; 0: anything else."""
@@ -112,7 +124,7 @@ class Table:
         values: NDArray[np.generic]
         if not isinstance(held, np.ndarray) and unit == ISO:
             values = times_s(self.path, name, held, self._columns.lines)
-            notes = ["times without a zone, read as UTC"] * (not has_zone(held))
+            notes = zone_notes(held)
         elif not isinstance(held, np.ndarray):
             values = numbers(self.path, name, held, self._columns.lines)
         elif held.dtype.kind == "M" and unit in SCALED:

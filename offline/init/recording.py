@@ -138,7 +138,7 @@ def _of_table(table: Table, model: RobotModel) -> Recorded:
             f"--recording {table.path}: no {model.n} columns for the positions of "
             f"{cut(', '.join(model.joint_names))}; "
             + "".join(f"{words}; " for words in gaps(names, model.joint_names))
-            + f"it has: {cut(', '.join(names))}"
+            + f"it has: {table.described()}"
         )
     column, unit, t_s = _time(table, position)
     q, q_unit = _angles(table, position, model)
@@ -213,21 +213,26 @@ def _own_time(column: str, unit: str, time_of_joints: str) -> list[str]:
 
 def _time(table: Table, group: Group) -> tuple[str, str, FloatArray]:
     """Return column and unit of a group's stamps, and the stamps [s], NaN where a value lacks."""
-    values = _values(table, group)
+    values, faults = _values(table, group), list[str]()
     rows, is_whole = len(values), np.isfinite(values).all(axis=1)
     for column in times(table.names, group.columns[0]):
         if table.width(column) != 1:
             continue
-        t, unit = _stamps(table, column)
+        t, unit = _stamps(table, column, faults)
         if len(t) != rows:
             continue
         t = np.where(is_whole, t, np.nan)
         steps = np.diff(np.unique(t[np.isfinite(t)]))
         if len(steps) < LEAST:
+            found, least = f"{column!r} has {len(steps) + 1}", f"; at least {LEAST + 1} are needed"
+            few = f" different values in {rows} rows; are these whole seconds?"
+            faults.append(f"{found}{few if rows > LEAST else f' rows{least}'}")
             continue
         period = float(np.median(steps))
         fits = [u for u, s in UNITS_S.items() if PERIODS_S[0] <= period * s < PERIODS_S[1]]
         if not fits:
+            words = f"must be {PERIODS_S[0]:g} to {PERIODS_S[1]:g} s, in s, ms, us or ns"
+            faults.append(f"{column!r} goes in steps of {period:.3g}; {words}")
             continue
         if unit != ISO:
             said = {*words_of(column)[1:], table.unit(column)}
@@ -235,19 +240,23 @@ def _time(table: Table, group: Group) -> tuple[str, str, FloatArray]:
             unit = next(named, fits[0])
         return column, unit, t * UNITS_S.get(unit, 1.0)
     raise ConfigError(
-        f"--recording {table.path}: no column of times with {rows} rows, at least {LEAST} of them "
-        f"rising, for {group.columns[0]!r}; it has: {cut(', '.join(table.names))}"
+        f"--recording {table.path}: no times for {group.columns[0]!r}: "
+        f"{'; '.join(faults) or 'no column is named as a time (t, time, stamp)'}; it has: "
+        f"{table.described()}"
     )
 
 
-def _stamps(table: Table, column: str) -> tuple[FloatArray, str]:
+def _stamps(table: Table, column: str, faults: list[str]) -> tuple[FloatArray, str]:
     """Return a column of times (k,), and its unit if it has dates; then the times are seconds.
 
-    No times come from a column that has neither numbers nor dates.
+    No times come from a column that has neither numbers nor dates; `faults` gets the reason.
     """
-    for unit in ("", ISO):
-        with suppress(ConfigError):
-            return table.column(column, unit)[0][:, 0], unit
+    with suppress(ConfigError):
+        return table.column(column)[0][:, 0], ""
+    try:
+        return table.column(column, ISO)[0][:, 0], ISO
+    except ConfigError as error:
+        faults.append(str(error).removeprefix(f"{table.path}: "))
     return np.empty(0), ""
 
 

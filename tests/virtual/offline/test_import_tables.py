@@ -86,6 +86,13 @@ FORMS = {
     "a title": lambda: ["Recording of the arm, 2026-11-28", *lines()],
     "titles of two cells": lambda: ["Robot;arm", "Start;2026-11-28", *lines(by=";")],
     "a row of units": lambda: [lines()[0], "s,rad,rad,N m,N m", *lines()[1:]],
+    "a title of as many cells": lambda: ["Arm,run 12,Ada,lab 2b,wet", *lines()],
+    "a title of as many cells, and units": lambda: [
+        "Arm,run 12,Ada,lab 2b,wet",
+        lines()[0],
+        "[s],[rad],[rad],[Nm],[Nm]",
+        *lines()[1:],
+    ],
     "titles and units": lambda: ["Export", *lines()[:1], "[s],[rad],,[Nm],[Nm]", *lines()[1:]],
     "units, and last cells that are mostly empty": lambda: [
         f"{lines()[0]},qx,qy",
@@ -166,6 +173,20 @@ def test_a_cut_last_line_is_left_out_with_a_count(arm):
     assert imported(arm, "\n".join(lines())[:-4]) == 0
     assert "last line, which is cut off, left out: 1" in arm.said
     assert len(positions(arm)) == ROWS - 1
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda row: ["7", *(cell.replace(".", ",") for cell in row[1:])], "decimal commas need"),
+        (lambda row: [*row[:4], f"{row[4]} Nm"], "must be a number, without a unit"),
+        (lambda row: [*row[:4], '"1,005.5"'], "must be a number, without a thousands separator"),
+        (lambda row: ["12:00:00.5", *row[1:]], "'t' is '12:00:00.5'; must be a number"),
+    ],
+)
+def test_what_a_table_program_adds_to_a_number_is_named(arm, change, words):
+    assert imported(arm, [lines()[0], *(",".join(change(x.split(","))) for x in lines()[1:])]) == 2
+    assert arm.is_refused(words)
 
 
 def test_few_rows_of_another_length_are_left_out_and_counted(arm):

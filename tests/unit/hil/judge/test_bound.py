@@ -6,6 +6,8 @@ import pytest
 
 from hil.judge.applied import NOTHING, Applied
 from hil.judge.bound import Sensors, information, sensitivity
+from hil.judge.floating import FloatingRobot
+from tests.support.bench_fixtures import BODIES
 
 SENSORS = Sensors(
     joint_rate_hz=500.0,
@@ -44,6 +46,17 @@ def state(swing):
 
 def stacked(s):
     return np.concatenate((s.tau_nm, s.w_NS_S_rad_s, s.f_NS_S_m_s2))
+
+
+def test_a_continuous_joint_counts_as_a_revolute_one(small_robot, tmp_path, truth, state):
+    fixed = sensitivity(small_robot("base", "target"), SENSORS, truth, *state)
+    urdf = tmp_path / "small.urdf"
+    urdf.write_text(urdf.read_text().replace('"j1" type="revolute"', '"j1" type="continuous"'))
+    robot = FloatingRobot(urdf, "grip", BODIES, ("base", "target"))
+    endless = sensitivity(robot, SENSORS, truth, *state)
+    np.testing.assert_allclose(stacked(endless), stacked(fixed), atol=1e-12)
+    np.testing.assert_allclose(endless.J_tau, fixed.J_tau, atol=1e-12)
+    assert np.allclose(robot.tool_pose(state[0])[0], small_robot("base").tool_pose(state[0])[0])
 
 
 @on_base

@@ -37,7 +37,7 @@ def table(path: Path, columns: dict[str, np.ndarray]) -> Path:
     with path.open("w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(columns)
-        writer.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
+        writer.writerows(zip(*(list(values) for values in columns.values()), strict=True))
     return path
 
 
@@ -196,15 +196,32 @@ def test_a_can_log_gives_rate_and_nodes(folder):
     assert main(["import", *words, "--out", str(folder / "out.mcap")]) == 0
 
 
+LONG = {f"q{k}": np.linspace(0.0, 1.0, 99) for k in range(3)}
+
+
 @pytest.mark.parametrize(
     ("columns", "words"),
     [
         ({"time": np.arange(99.0), "a": np.arange(99.0)}, "no 3 columns for the positions"),
-        ({f"q{k}": np.arange(99.0) for k in range(3)}, "no column of times"),
+        ({f"q{k}": np.arange(99.0) for k in range(3)}, "no column is named as a time"),
+        (
+            {"t": np.arange(9.0), **{name: own[:9] for name, own in LONG.items()}},
+            "'t' has 9 rows; at least 51 are needed",
+        ),
+        ({"t": np.arange(99) // 25, **LONG}, "'t' has 4 different values in 99 rows; are these"),
+        ({"t": np.arange(99) * 1e9, **LONG}, "'t' goes in steps of 1e+09; must be 0.0002 to 0.2 s"),
+        ({"t": [f"{k}.11.2026 12:00" for k in range(99)], **LONG}, "'0.11.2026 12:00'; must be"),
+        (
+            {"t": np.arange(99.0), "q": np.zeros((3, 99))},
+            "q 3 x 99 (a row is a sample: transposed?",
+        ),
+        ({"t": np.arange(99.0), "q": np.array([[None] * 3] * 99)}, "q (holds Python objects"),
     ],
 )
 def test_what_is_not_found_is_one_line(folder, columns, words, capsys):
-    assert initialised(folder, table(folder / "arm.csv", columns)) == 2
+    path = folder / ("arm.npz" if "q" in columns else "arm.csv")
+    np.savez(path, **columns) if "q" in columns else table(path, columns)
+    assert initialised(folder, path) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert words in line
     assert not (folder / "robot.yaml").exists()
