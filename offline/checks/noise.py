@@ -29,7 +29,10 @@ CLEANER = 2.0  # ratio of declared to found noise above which a note says so
 ORDER = 6  # of the differences
 TRIMMED, WITHIN = 0.5, 0.1426  # share of the largest differences left out; variance of the others
 WINDOWS = 100  # most windows from which the noise is found, spread over the recording
-MOVED = 20.0  # range of an angle in a window over its noise above which the joint moves
+MOVED = 20.0  # range of a window over the noise above which a channel moves
+SHARE = 0.1  # of the largest range: a window with less rests; of all windows: fewer show little
+FEW = 3  # windows; fewer that move may be a shock
+REST = 1e-3  # range of an angle [rad or m] of a joint that is held, which sways with the others
 COLOURED = 1.5  # ratio of a polynomial's residual to the noise by differences that says more
 SHRINKS = 0.25  # ratio of the excess variance in half a window, below which it is misfit
 MISFIT = 2.0  # accepted ratio of misfit to noise, found or declared
@@ -46,6 +49,7 @@ class Noise:
     sigma: float  # 1 sigma of a sample; 0: the readings do not change, or there are too few
     coloured: bool = False  # whether differences show far less of it than polynomials
     misfit: float = 0.0  # 1 sigma of the residual that is no noise; 0: polynomials follow
+    moves: bool = True  # False: at rest in most windows, where a sensor may have less noise
     pieces: Sequence[Piece] = ()  # windows that were judged
 
 
@@ -59,7 +63,10 @@ def noise_findings(config: Config, windows: Sequence[Window]) -> list[Comparison
     degree = config.estimator.nodes - 1 + EXTRA_DEGREE
     found, misfits = [], dict[str, tuple[Noise, float]]()
     for channel in _channels(config, judged):
-        each = [_noise_of(windows, column, degree) for windows, column in channel.columns]
+        each = [
+            motion_noise([_finite(own, column) for own in windows], degree, REST * channel.is_angle)
+            for windows, column in channel.columns
+        ]
         middle = sorted(each, key=lambda noise: noise.sigma)[len(each) // 2]
         chance = _chance([piece for noise in each for piece in noise.pieces])
         found.append(_noise_finding(channel, middle, 1.0 + chance))
@@ -79,7 +86,8 @@ class _Channel:
     declared: float
     columns: list[tuple[list[ChannelWindow], int]]  # windows of a channel, and its column
     scale: float = 1.0  # the key's unit over a sample's sigma
-    model: tuple[str, float] | None = None  # key and 1 sigma of what no model explains
+    model: tuple[str, float] | None = None  # of a torque: key and 1 sigma of what no model explains
+    is_angle: bool = False  # an encoder's, or the speed from it
 
     @property
     def sigma(self) -> float:
@@ -104,6 +112,7 @@ def _channels(config: Config, windows: Sequence[Window]) -> list[_Channel]:
                 declared=declared,
                 columns=[(own, column)],
                 model=(f"joints.{k}.{model[0]}", model[1]) if column == 1 else None,
+                is_angle=column == 0,
             )
             found.append(channel)
     for k, sensor in enumerate(config.wrench_sensors):
@@ -124,26 +133,36 @@ def _channels(config: Config, windows: Sequence[Window]) -> list[_Channel]:
     return found
 
 
-def _noise_of(channels: Sequence[ChannelWindow], column: int, degree: int) -> Noise:
-    """Return the noise of a channel in its moving windows; if there are few, in all windows."""
-    pieces = [_finite(channel, column) for channel in channels]
-    pieces = [(t, x) for t, x in pieces if len(t) >= 2 * degree + 2]
+def motion_noise(windows: Sequence[Piece], degree: int, least: float) -> Noise:
+    """Return the noise of a channel in the windows in which it moves; if few do, in all.
+
+    Parameters
+    ----------
+    degree : of a window's polynomial; windows with too few samples for it are left out
+    least : range below which a window is at rest
+    """
+    pieces = [(t, x) for t, x in windows if len(t) >= 2 * degree + 2]
     everywhere = difference_sigma(*pieces)
     if not everywhere:
-        return Noise(sigma=0.0)
-    moving = [(t, x) for t, x in pieces if np.ptp(x) > MOVED * everywhere]
-    judged = moving if len(moving) >= min(len(pieces), 3) else pieces
+        return Noise(sigma=0.0, moves=False)
+    ranges = np.array([np.ptp(x) for _, x in pieces])
+    largest = np.sort(ranges)[-min(FEW, len(ranges))]
+    is_moving = ranges > max(MOVED * everywhere, SHARE * largest, least)
+    count = np.count_nonzero(is_moving)
+    is_shown = count >= min(FEW, len(pieces))
+    judged = [own for own, one in zip(pieces, is_moving, strict=True) if one or not is_shown]
+    moves = bool(is_shown and count >= SHARE * len(pieces))
     sigma = difference_sigma(*judged)
     whole, middle = _residual(judged, degree), _residual(judged, degree, 0.5)
     if abs(middle / sigma - 1.0) < _chance(judged):  # the residual is noise, and tells it better
         sigma = middle
     if whole <= COLOURED * sigma:
-        return Noise(sigma=sigma, pieces=judged)
+        return Noise(sigma=sigma, moves=moves, pieces=judged)
     halves = [half for piece in judged for half in _halves(piece, degree)]
     excess, left = whole**2 - sigma**2, _residual(halves, degree) ** 2 - sigma**2
     if halves and left < SHRINKS * excess:
-        return Noise(sigma=sigma, misfit=excess**0.5, pieces=judged)
-    return Noise(sigma=whole, coloured=True, pieces=judged)
+        return Noise(sigma=sigma, misfit=excess**0.5, moves=moves, pieces=judged)
+    return Noise(sigma=whole, coloured=True, moves=moves, pieces=judged)
 
 
 def _finite(channel: ChannelWindow, column: int) -> Piece:
@@ -219,8 +238,14 @@ def _noise_finding(channel: _Channel, noise: Noise, chance: float) -> Comparison
         note = f"a little noisier than declared: set {key} to {found:.3g}"
     elif found == 0.0:
         words = "the readings do not change, or there are too few"
+    elif channel.is_angle and not noise.moves and found < declared:
+        note = "less than declared, as of a joint that hardly moves"
     elif found < declared / OTHER_UNIT:
-        words = f"the data are far cleaner, {found:.3g}: is {key} in another unit (degrees, hours)?"
+        unit = f"is {key} in another unit (degrees, hours)?"
+        if channel.model is not None:
+            note = f"the data are far cleaner, {found:.3g}: filtered torques, or {unit}"
+        else:
+            words = f"the data are far cleaner, {found:.3g}: {unit}"
     elif found < declared / CLEANER:
         note = f"cleaner than declared: {found:.3g} would weigh them as they deserve"
     return Comparison(

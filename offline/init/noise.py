@@ -1,4 +1,7 @@
-"""Sizes, rate and noise of samples; noise is what differences of a high order show."""
+"""Sizes, rate and noise of samples; noise is what differences of a high order show.
+
+That of encoders is what `fsw check` finds in the same samples.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,10 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from fsw.estimators.conditioning.polynomial import EXTRA_DEGREE
 from fsw.messages import FloatArray, IntArray
+from offline.checks.noise import REST, motion_noise
 
 DIFFERENCE = 4  # order of the differences that show noise, not motion
-AT_REST = 0.1  # of the largest noise of a joint: less is that of a joint that does not move
+WINDOW_S = 0.4  # in which a joint moves or rests: the usual window
+DEGREE = 3 + EXTRA_DEGREE  # of the polynomials of `fsw check` at the usual number of nodes
 EQUAL = 1e-10  # difference of values that differ by the rounding of arithmetic alone
 SPIKE_ROWS = 5  # the median of as many rows shows no spike of two
 LEAST = 50  # least number of rows
@@ -31,18 +37,13 @@ def sizes_of(
     """Return sizes and noise of every joint, from whole rows that differ from the one before."""
     rows = in_order(t_s, q)
     t_s, q = t_s[rows], q[rows]
+    noises = _encoder_noises(t_s, q, kinds)
     tau = None if tau is None else tau[rows]
     is_new = np.append(
         np.isfinite(t_s[:1]), (np.diff(q, axis=0) != 0.0).any(axis=1) & (np.diff(t_s) > 0.0)
     )
     t_s, q = t_s[is_new], q[is_new]
     tau = np.full_like(q, np.nan) if tau is None else tau[is_new]
-    noises = [max(white_noise(t_s, one), _step(one) / np.sqrt(12.0)) for one in q.T]
-    for kind in set(kinds):  # a joint at rest does not show what the encoders of the others do
-        own = [k for k, other in enumerate(kinds) if other == kind]
-        largest = max(noises[k] for k in own)
-        for k in own:
-            noises[k] = largest if noises[k] < AT_REST * largest else noises[k]
     return [
         Limits(
             torque_nm=most(tau[:, k]),
@@ -52,6 +53,32 @@ def sizes_of(
         )
         for k in range(q.shape[1])
     ]
+
+
+def _encoder_noises(t_s: FloatArray, q: FloatArray, kinds: Sequence[str]) -> list[float]:
+    """Return the noise of every joint's angles; one at rest gets the largest of those that move.
+
+    Rows that repeat count: they are samples too, of a sensor that is slower than its log.
+    """
+    t_ns = np.rint((t_s - t_s[:1]) * 1e9).astype(np.int64)
+    rows = WINDOW_S / float(np.median(np.diff(t_s))) if len(t_s) > 1 else 0.0
+    piece = max(2 * DEGREE + 2, round(rows))
+    cuts = np.arange(piece, len(t_s), piece)
+    found = [
+        motion_noise(
+            list(zip(np.split(t_ns, cuts), np.split(one, cuts), strict=True)), DEGREE, REST
+        )
+        for one in q.T
+    ]
+    noises = [
+        max(own.sigma, _step(one) / np.sqrt(12.0)) for own, one in zip(found, q.T, strict=True)
+    ]
+    for kind in set(kinds):
+        own = [k for k, other in enumerate(kinds) if other == kind]
+        moving = [noises[k] for k in own if found[k].moves] or [noises[k] for k in own]
+        for k in own:
+            noises[k] = noises[k] if found[k].moves else max(moving)
+    return noises
 
 
 def _speeds(t_s: FloatArray, q: FloatArray) -> FloatArray:

@@ -170,6 +170,26 @@ def test_noise_in_motion_counts_not_that_at_rest() -> None:
     assert found.found == pytest.approx(3.0 * SIGMA_RAD, rel=0.2)
 
 
+@pytest.mark.parametrize(("sway_rad", "is_wrong"), [(0.0, False), (5e-5, False), (0.3, True)])
+def test_a_joint_at_rest_is_no_wrong_unit(sway_rad: float, is_wrong: bool) -> None:
+    """Its encoder is a hundred times quieter than in motion; held joints sway with the others."""
+    rng = np.random.default_rng(13)
+    t_ns = grid(rng)
+    q = sway_rad * np.sin(3.0 * t_ns * 1e-9) + rng.normal(0.0, 0.01 * SIGMA_RAD, len(t_ns))
+    own = findings(q, rng.normal(0.0, SIGMA_NM, len(t_ns)), t_ns)["joints.0.position_noise_rad"]
+    assert bool(own.wrong) == is_wrong
+    assert ("hardly moves" in own.note) != is_wrong
+
+
+def test_a_filtered_torque_is_no_wrong_unit() -> None:
+    rng = np.random.default_rng(14)
+    t_ns = grid(rng)
+    q = motion(t_ns * 1e-9, 0.2) + rng.normal(0.0, SIGMA_RAD, len(t_ns))
+    own = findings(q, 20.0 * np.cos(q) + 1e-9, t_ns)["joints.0.torque_noise_nm"]
+    assert not own.wrong
+    assert "filtered torques" in own.note
+
+
 def test_a_time_that_comes_twice_is_used_once() -> None:
     rng = np.random.default_rng(10)
     t_ns = grid(rng)

@@ -75,6 +75,24 @@ def test_a_joint_at_rest_has_the_noise_of_the_others(tmp_path):
     assert config.joints[1].position_noise_rad == pytest.approx(3e-5, rel=0.3)
 
 
+def test_check_finds_the_noise_that_init_wrote_in_the_same_recording(tmp_path, capsys):
+    """Rows repeat, as of a joint state that is logged twice; one joint is held and quieter."""
+    rng = np.random.default_rng(7)
+    t, q, tau = motion(rng)
+    q += 3e-5 * rng.normal(size=q.shape)
+    q[:, 2] = 0.25 + 1e-7 * rng.normal(size=ROWS)
+    q[1::2] = q[::2]
+    configured(tmp_path, t, q, tau)
+    robot, recording = str(tmp_path / "robot.yaml"), str(tmp_path / "arm.mcap")
+    mapping = ["--map", str(tmp_path / "robot.map.yaml"), "--config", robot, "--out", recording]
+    assert main(["import", str(tmp_path / "arm.csv"), *mapping]) == 0
+    capsys.readouterr()
+    main(["check", robot, recording])
+    said = [line for line in capsys.readouterr().out.splitlines() if "position_noise" in line]
+    assert len(said) == 3
+    assert not [line for line in said if "WRONG" in line], said
+
+
 def test_filtered_torques_are_not_taken_for_noiseless(tmp_path):
     """A controller's smoothed torque has no noise to see; the device's share remains: 0.015 N m."""
     t, q, _ = motion(np.random.default_rng(4))
