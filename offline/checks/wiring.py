@@ -69,7 +69,8 @@ class Wires(NullSink):
             rates_hz = [
                 (rate_hz, joint)
                 for _, joint, layout, frames in self._joints(bus)
-                if (rate_hz := frame_rate_hz(frames_of(layout.messages[0], frames)["t_ns"]))
+                for first in layout.parts[:1]
+                if (rate_hz := frame_rate_hz(frames_of(first.message, frames, first.page)["t_ns"]))
             ]
             if rates_hz:
                 farthest = max(rates_hz, key=lambda own: abs(own[0] / bus.rate_hz - 1.0))
@@ -117,9 +118,14 @@ def _rate(key: str, bus: BusConfig, found_hz: float, joint: JointConfig) -> Comp
     return Comparison(key=key, declared=bus.rate_hz, found=found_hz, wrong=words if is_off else "")
 
 
-def frames_of(message: Message, frames: FrameArray) -> FrameArray:
-    """Return the frames of a message, whole ones only, in order of time."""
+def frames_of(message: Message, frames: FrameArray, page: Signal | None = None) -> FrameArray:
+    """Return the frames of a message, whole ones only, in order of time.
+
+    `page`: a signal that is NaN in frames that do not count.
+    """
     own = frames[(frames["word"] == message.word) & (frames["length"] >= message.length)]
+    if page is not None:
+        own = own[~np.isnan(Decoder(message, [page])(own["data"])[0])]
     in_order: FrameArray = own.take(np.argsort(own["t_ns"], kind="stable"))
     return in_order
 
@@ -134,16 +140,18 @@ def _signal_findings(
         use = layout.use(role)
         if use is None or (role == POSITION and joint.speed_only):
             continue
-        own = frames_of(use.message, frames)
+        part = next(part for part in layout.parts if use in part.uses)
+        own = frames_of(use.message, frames, part.page)
         if len(own) < LEAST_FRAMES:
             continue
+        torque = next((each for each in part.uses if each.role == TORQUE), None)
         place = f"{name} ({joint.name}): {use.message.name}.{use.signal.name}"
         most = joint.torque_limit_nm if role == TORQUE else np.inf
         if words := _misread(use, own, step, most):
             yield f"{place} {words}"
         elif role == POSITION and (other := _integral(use, own)):
             yield f"{place} is the speed of {other}: exchanged"
-        elif role == POSITION and (other := _smoother(use, layout.use(TORQUE), own, step)):
+        elif role == POSITION and (other := _smoother(use, torque, own, step)):
             yield f"{place} jumps more often than {other}, its torque: are the two exchanged?"
 
 

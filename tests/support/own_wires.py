@@ -98,23 +98,26 @@ PDOMapping=1
 
 
 def _dbc(folder: Path, joints: list[dict[str, Any]]) -> dict[str, Any]:
-    """Describe two frames of each drive, one of them shared by a multiplexer, in a DBC file."""
+    """Describe two frames of each drive in a DBC file; of every second drive, pages of one."""
     lines = ['VERSION ""', "NS_ :", "BS_:", "BU_: drives"]
     for k, joint in enumerate(joints):
-        name = joint["name"]
+        is_one = bool(k % 2)
+        angle, load = f"{joint['name']}_angle", f"{joint['name']}_{'angle' if is_one else 'load'}"
+        page = ' SG_ page M : 60|4@1+ (1,0) [0|0] "" drives'
+        own = [f"BO_ {0x202 + 16 * k} {load}: 8 drives"] * (not is_one)
         lines += [
-            f"BO_ {0x201 + 16 * k} {name}_angle: 8 drives",
-            ' SG_ angle : 7|32@0- (0.00001,0) [0|0] "deg" drives',
+            f"BO_ {0x201 + 16 * k} {angle}: 8 drives",
+            f' SG_ angle {"m1 " * is_one}: 7|32@0- (0.00001,0) [0|0] "deg" drives',
             ' SG_ state : 32|8@1+ (1,0) [0|0] "" drives',
-            f"BO_ {0x202 + 16 * k} {name}_load: 6 drives",
-            ' SG_ page M : 0|4@1+ (1,0) [0|0] "" drives',
+            *own,
+            page,
             ' SG_ load m3 : 11|20@1- (0.5,-3) [0|0] "mN m" drives',
         ]
         joint |= {
             "signals": {
-                "position": {"message": f"{name}_angle", "signal": "angle"},
-                "torque": {"message": f"{name}_load", "signal": "load"},
-                "status": {"message": f"{name}_angle", "signal": "state", "mask": 6, "value": 4},
+                "position": {"message": angle, "signal": "angle"},
+                "torque": {"message": load, "signal": "load"},
+                "status": {"message": angle, "signal": "state", "mask": 6, "value": 4},
             },
             "timing": {"by": "arrival", "sigma_s": 5.0e-6, "delay_s": 2.0e-5},
         }

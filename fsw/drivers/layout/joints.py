@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import sqrt
+from typing import NamedTuple
 
 from fsw.config import BusConfig, BusDevice, Config, Describable, JointConfig
 from fsw.config.actuators import ON_BUS
@@ -23,7 +24,7 @@ from fsw.config.signals import (
     plain_unit,
 )
 from fsw.drivers.layout.files import read_messages, read_node
-from fsw.drivers.layout.signals import Message, Signal, faults
+from fsw.drivers.layout.signals import Message, Signal, chain, faults
 from fsw.errors import ConfigError, brief
 
 TIME, COUNTER, STATUS, FIRST = range(4)  # places of roles in an array; the values come last
@@ -58,6 +59,14 @@ class Use:
     factor: float
 
 
+class Part(NamedTuple):
+    """One kind of frame of a device's sample: a message, or one page of its multiplexer."""
+
+    message: Message
+    uses: tuple[Use, ...]
+    page: Signal | None  # NaN in frames of other pages; None: it is in every frame of the message
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Layout:
     """What one device sends: signals by role, how they are timed, which status is good."""
@@ -78,6 +87,33 @@ class Layout:
         Each message is there once.
         """
         return tuple({use.message.word: use.message for use in self.uses}.values())
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """Kinds of frames of which a sample consists; the first counts as its time."""
+        return tuple(part for own in self.messages for part in _parts_of(own, self.uses))
+
+
+def _parts_of(message: Message, uses: Sequence[Use]) -> Iterator[Part]:
+    """Yield the message, or those of its pages that hold values, that of the first value first.
+
+    What is in each of its frames besides, such as a status, counts in the first page.
+    """
+    own = tuple(use for use in uses if use.message.word == message.word)
+    pages = dict[frozenset[tuple[str, frozenset[int]]], list[Use]]()
+    for use in own:
+        needs = frozenset((by.name, values) for by, values in chain(message, use.signal))
+        pages.setdefault(needs, []).append(use)
+    common = pages.pop(frozenset(), [])
+    if not pages or any(use.role >= FIRST for use in common):
+        yield Part(message, own, None)
+        return
+    for needs in list(pages):
+        if (more := next((other for other in pages if needs < other), None)) is not None:
+            pages[more] = [*pages[more], *pages.pop(needs)]
+    for group in sorted(pages.values(), key=lambda group: min(map(own.index, group))):
+        yield Part(message, (*common, *group), replace(_raw(group[0].signal), invalid=None))
+        common = []
 
 
 def layouts_of(config: Config, bus: BusConfig, section: str = "joints") -> dict[int, Layout]:

@@ -8,14 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.drivers.layout.decoder import Decoder
-from fsw.drivers.layout.joints import TIME, TORQUE, Layout, Use
-from fsw.drivers.layout.signals import Message
+from fsw.drivers.layout.joints import TIME, TORQUE, Layout, Part
 from fsw.drivers.sources.groups import Arrivals
 from fsw.drivers.sources.validity import REFUSED
 from fsw.drivers.wire import MAX_DATA_BYTES, FrameArray
 from fsw.messages import IntArray
 
-_Slot = tuple[int, int, tuple[Use, ...]]  # joint, which of its messages, the signals it uses
+_Slot = tuple[int, int, Part]  # joint, which of its parts
 _Short = tuple[int, int, int]  # joint, stamp [ns] and bytes of a frame of a wrong length
 
 
@@ -26,11 +25,12 @@ class _Kind(NamedTuple):
     roles: list[int]  # of the decoded signals
     factors: list[float]
     slots: list[range]  # the decoded signals that one joint uses
+    pages: list[int | None]  # the one that is NaN in frames of others; None: none is
     words: NDArray[np.uint32]
     lengths: IntArray  # the least that a frame has
     most: IntArray
     joints: IntArray  # (messages, slots) place of the joint
-    members: IntArray  # (messages, slots) which of the joint's messages this is
+    members: IntArray  # (messages, slots) which of the joint's parts this is
 
 
 class FrameReader:
@@ -71,12 +71,14 @@ class FrameReader:
                 own, rows, place = own[~is_short], rows[~is_short], place[~is_short]
             columns = kind.decoder(own["data"])
             t_ns = own["t_ns"].astype(np.int64)
-            for slot, signals in enumerate(kind.slots):
-                values = np.full((len(rows), self._width), np.nan)
+            for slot, (signals, page) in enumerate(zip(kind.slots, kind.pages, strict=True)):
+                here = slice(None) if page is None else ~np.isnan(columns[page])
+                at = place[here]
+                values = np.full((len(at), self._width), np.nan)
                 for k in signals:
-                    values[:, kind.roles[k]] = columns[k] * kind.factors[k]
-                joints.append(kind.joints[place, slot])
-                parts.append((kind.members[place, slot], t_ns, rows, values))
+                    values[:, kind.roles[k]] = columns[k][here] * kind.factors[k]
+                joints.append(kind.joints[at, slot])
+                parts.append((kind.members[at, slot], t_ns[here], rows[here], values))
         joint = np.concatenate(joints)
         columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
         order = np.lexsort((columns[2], joint))
@@ -87,35 +89,39 @@ class FrameReader:
 
 def _short(kind: _Kind, own: FrameArray, place: NDArray[np.intp]) -> list[_Short]:
     rows = zip(own["t_ns"].tolist(), own["length"].tolist(), place.tolist(), strict=True)
-    return [(joint, t_ns, size) for t_ns, size, at in rows for joint in kind.joints[at].tolist()]
+    return [(one, t_ns, size) for t_ns, size, at in rows for one in set(kind.joints[at].tolist())]
 
 
 def _kinds_of(layouts: Sequence[Layout]) -> list[_Kind]:
     """Return the kinds of messages that the joints use, those of equal layout together."""
-    messages = {own.word: own for layout in layouts for own in layout.messages}
     slots: dict[int, list[_Slot]] = {}
     for joint, layout in enumerate(layouts):
-        for member, message in enumerate(layout.messages):
-            uses = tuple(use for use in layout.uses if use.message.word == message.word)
-            slots.setdefault(message.word, []).append((joint, member, uses))
+        for member, part in enumerate(layout.parts):
+            slots.setdefault(part.message.word, []).append((joint, member, part))
     alike: dict[tuple[object, ...], list[int]] = {}
     for word, own in sorted(slots.items()):
-        used = tuple(tuple((u.role, u.signal, u.factor) for u in uses) for _, _, uses in own)
-        alike.setdefault((messages[word].signals, used), []).append(word)
-    return [_kind_of(words, messages, slots) for words in alike.values()]
+        used = tuple((_used(part), part.page) for _, _, part in own)
+        alike.setdefault((own[0][2].message.signals, used), []).append(word)
+    return [_kind_of(words, slots) for words in alike.values()]
 
 
-def _kind_of(
-    words: list[int], messages: Mapping[int, Message], slots: Mapping[int, list[_Slot]]
-) -> _Kind:
-    first = slots[words[0]]
-    used = [use for _, _, uses in first for use in uses]
-    bounds = np.cumsum([0, *(len(uses) for _, _, uses in first)]).tolist()
+def _used(part: Part) -> tuple[object, ...]:
+    return tuple((use.role, use.signal, use.factor) for use in part.uses)
+
+
+def _kind_of(words: list[int], slots: Mapping[int, list[_Slot]]) -> _Kind:
+    first = [part for _, _, part in slots[words[0]]]
+    messages = {word: slots[word][0][2].message for word in words}
+    used = [use for part in first for use in part.uses]
+    bounds = np.cumsum([0, *(len(part.uses) for part in first)]).tolist()
+    pages = [part.page for part in first if part.page is not None]
+    places = iter(range(len(used), len(used) + len(pages)))
     return _Kind(
-        decoder=Decoder(messages[words[0]], [use.signal for use in used]),
+        decoder=Decoder(messages[words[0]], [*(use.signal for use in used), *pages]),
         roles=[use.role for use in used],
         factors=[1.0 if use.role == TIME else use.factor for use in used],
         slots=[range(start, stop) for start, stop in pairwise(bounds)],
+        pages=[None if part.page is None else next(places) for part in first],
         words=np.array(words, np.uint32),
         lengths=np.array([messages[word].length for word in words]),
         most=np.array(

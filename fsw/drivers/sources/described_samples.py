@@ -78,7 +78,7 @@ class DescribedSamples:
             kind is not None and period_s * bus.rate_hz < EACH
             for kind, (_, _, period_s) in zip(kinds, own, strict=True)
         ]
-        members = [len(layout.messages) for layout in layouts]
+        members = [len(layout.parts) for layout in layouts]
         self._replies = [
             Replies(
                 cues,

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import cantools
 import numpy as np
 import pytest
 
@@ -104,6 +105,57 @@ def test_samples_of_two_frames_by_arrival(tmp_path: Path) -> None:
         late_ns = samples.t_ns[own] - times[axis]
         # the least of ~100 delays of mean 0.2 ms is near 2 us; before the line settles it is worse
         assert np.abs(late_ns[200:]).max() < 50e3
+
+
+PAGES = """VERSION ""
+NS_ :
+BS_:
+BU_: A
+
+BO_ 640 Drive: 8 A
+ SG_ Page M : 0|4@1+ (1,0) [0|0] "" A
+ SG_ Fault : 4|4@1+ (1,0) [0|0] "" A
+ SG_ Angle m0 : 8|32@1- (0.0001,0) [0|0] "deg" A
+ SG_ Torque m1 : 8|16@1- (0.01,0) [0|0] "Nm" A
+ SG_ Motor m2 : 8|16@1- (0.1,0) [0|0] "degC" A
+"""
+
+
+@pytest.mark.parametrize("by", ["arrival", "last_sync"])
+def test_pages_of_one_message_are_joined_as_two_messages_are(tmp_path: Path, by: str) -> None:
+    database = cantools.database.load_string(PAGES, "dbc")
+    (tmp_path / "pages.dbc").write_text(PAGES)
+    rng, frames, count = np.random.default_rng(4), [], 300
+    lost = {(150, "Torque"), (200, "Angle")}
+    for k in range(count):
+        t_ns = T0 + 10 * MS * k
+        frames.append(CanFrame(t_ns, 0x80, b""))
+        sent_ns = t_ns + 200_000 + round(rng.exponential(5e4))
+        values = {"Angle": 10.0 * math.sin(0.02 * k), "Torque": 2.0 + 0.01 * k, "Motor": 40.0}
+        for page, (name, value) in enumerate(values.items()):
+            data = database.encode_message(
+                "Drive", {"Page": page, "Fault": 5 * (page != 0), name: value}
+            )
+            if (k, name) not in lost:
+                frames.append(CanFrame(sent_ns + 300_000 * page, 640, data))
+    status = use("Drive", "Fault", mask=15, value=0)
+    signals = {"position": use("Drive", "Angle"), "torque": use("Drive", "Torque")}
+    timing = {"by": by} | ({"sigma_s": 1e-4} if by == "arrival" else {})
+    bus = {"description": "pages.dbc", "sync": "consumer", "sync_counter_max": 0}
+    joint = {"signals": signals | {"status": status}, "timing": timing}
+    source = made(tmp_path, bus, [joint])
+    parts = [source.feed(frame_array(frames[at : at + 7])) for at in range(0, len(frames), 7)]
+    samples = joined(parts)
+    kept = np.array([k for k in range(count) if k != 200][: len(samples)])
+    assert len(kept) >= count - 3  # of the last ones the other page is waited for
+    expected = np.where(kept == 150, np.nan, 2.0 + 0.01 * kept)
+    np.testing.assert_allclose(
+        samples.position_rad, np.radians(10 * np.sin(0.02 * kept)), atol=1e-6
+    )
+    np.testing.assert_allclose(samples.torque_nm, expected, atol=5.1e-3)
+    counters = source.counters
+    assert [counters[key] for key in ("rejected", "incomplete", "torque_unusable")] == [0, 1, 1]
+    assert [found.fault for found in source.findings()] == ["TORQUE_FAULT", "JOINT_LOST"]
 
 
 def test_batches_do_not_matter(tmp_path: Path) -> None:
