@@ -88,7 +88,7 @@ class BusChannel:
             return
         frames = joined(waiting)
         for other in self.others:
-            yield other.feed(frames), False
+            yield other.feed(frames), isinstance(other, SensorBusSource) and other.is_screened
             frames = picked(frames, ~other.owns(frames))
         yield self.source.feed(frames), True
 

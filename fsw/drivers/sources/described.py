@@ -11,11 +11,11 @@ from fsw.drivers.sources.bus_errors import BusReports
 from fsw.drivers.sources.described_samples import DescribedSamples, Timed
 from fsw.drivers.sources.joint_end import JointEnd, Raw
 from fsw.drivers.sources.joint_track import HISTORY_SYNCS
+from fsw.drivers.sources.line_watch import LineWatch, silent_only
 from fsw.drivers.wire import ERR_FLAG, FrameArray, Reject, frame_at
 from fsw.messages import JointSamples, joined
 from fsw.messages.findings import Fault, Finding
 
-REPEAT_NS = 100_000_000  # a joint that stays silent is reported again after this time
 MAX_FINDINGS = 256
 MOST_FRAMES = HISTORY_SYNCS // 2  # in a batch; a longer one is split, so that every loss is counted
 
@@ -38,13 +38,15 @@ class DescribedBusSource:
         self._joints = [joint for _, joint in joints]
         own = [layouts[i] for i, _ in joints]
         period_s = 1.0 / bus.rate_hz
-        self._period_ns = round(1e9 * period_s)
-        self._silent_ns = round((health or HealthConfig()).silent_periods * self._period_ns)
+        silent_periods = (health or HealthConfig()).silent_periods
+        line = silent_only(Fault.JOINT_SILENT)
+        self._watches = [
+            LineWatch(line, joint.name, 1e9 * period_s, silent_periods) for joint in self._joints
+        ]
         self._samples = DescribedSamples(bus, own, [bus.rate_hz] * len(joints))
         self._heard_ns = self._samples.heard_ns
         steps_rad = [position_step_rad(*pair) for pair in zip(self._joints, own, strict=True)]
         self._end = JointEnd(joints, period_s, steps_rad)
-        self._reported_ns = [0] * len(joints)
         self._settled = [0] * len(joints)  # index up to which lost samples are counted
         self._reports = BusReports(bus.name)
         self.events = self._reports.events
@@ -68,7 +70,8 @@ class DescribedBusSource:
 
     def findings(self) -> list[Finding]:
         """Return the findings since the last call, in order of time."""
-        found = sorted(self._found, key=lambda finding: finding.t_ns)
+        silent = [finding for watch in self._watches for finding in watch.take()]
+        found = sorted([*self._found, *silent], key=lambda finding: finding.t_ns)
         self._found.clear()
         return found
 
@@ -79,15 +82,11 @@ class DescribedBusSource:
 
     def watch(self, now_ns: int, *, up: bool) -> None:
         """Report silent joints; a missing port (`up` is False) explains their silence."""
-        for place, heard_ns in enumerate(self._heard_ns):
-            if heard_ns is None:
-                continue
-            if not up:
-                self._heard_ns[place] = None
-            elif now_ns - max(heard_ns + self._silent_ns, self._reported_ns[place]) > 0:
-                self._reported_ns[place] = now_ns + REPEAT_NS
-                age_s = (now_ns - heard_ns) * 1e-9
-                self._find(now_ns, Fault.JOINT_SILENT, place, f"no sample for {age_s:.3f} s")
+        for place, watch in enumerate(self._watches):
+            heard_ns = self._heard_ns[place] = self._heard_ns[place] if up else None
+            if heard_ns is not None:
+                watch.followed(heard_ns)
+            watch.watch(now_ns, up=up)
 
     def feed(self, frames: FrameArray) -> JointSamples:
         """Accept frames in order, sent ones included, and return the samples they hold."""

@@ -16,6 +16,8 @@ from fsw.drivers.wire import FrameArray, Reject
 from fsw.messages import Samples
 from fsw.messages.findings import Fault, Finding
 
+FINE_RATIO = 0.01  # of the noise: three equal vectors of larger steps may be chance
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Kind:
@@ -65,10 +67,24 @@ _KINDS = {
 }
 
 
+def _is_fine(config: ImuConfig, layout: Layout) -> bool:
+    """Return whether noise hides the steps of the wire, so that equal readings are a fault."""
+    root = config.rate_hz**0.5
+    sigmas = [config.angle_random_walk_rad_sqrt_s * root] * 3
+    sigmas += [config.velocity_random_walk_m_s_sqrt_s * root] * 3
+    return all(
+        use.signal.number == "float"
+        or abs(use.signal.scale * use.factor) <= FINE_RATIO * sigmas[use.role - FIRST]
+        for use in layout.uses
+        if use.role >= FIRST
+    )
+
+
 class SensorBusSource:
     """The inertial unit or the star tracker of one bus.
 
-    A sample is timed as a described joint's is, and calibrated as one of a feed.
+    A sample is timed as a described joint's is, and calibrated as one of a feed. `is_screened`:
+    equal readings in a row show that the unit is stuck.
     """
 
     def __init__(
@@ -82,6 +98,7 @@ class SensorBusSource:
         own = _KINDS[self.kind]
         self._source, self._clusters = own.samples(config), own.clusters
         self._shape = (len(own.clusters), own.width)
+        self.is_screened = isinstance(config, ImuConfig) and _is_fine(config, layout)
         reporter = Reporter(config.name, config.rate_hz, layout, config.node_id)
         self._reports = Reports(bus, [reporter], own.line, own.refused, health.silent_periods)
         self.words, self.owns = self._reports.words, self._reports.owns

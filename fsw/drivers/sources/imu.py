@@ -20,6 +20,7 @@ from fsw.drivers.sources.arrival import Arrival, ArrivalTracker
 from fsw.drivers.sources.clock_model import ClockModel
 from fsw.drivers.sources.counters import Counters, serial_counters
 from fsw.drivers.sources.line_watch import IMU_LINE, LineWatch
+from fsw.drivers.sources.samples import calibrated
 from fsw.drivers.sources.sequence import Counted, CounterTrack, Step
 from fsw.drivers.wire import ByteChunk, Reject
 from fsw.messages import FloatArray, ImuSamples, IntArray, joined
@@ -65,9 +66,7 @@ class ImuSource:
         self._latency_limit_s = max(MIN_LATENCY_LIMIT_S, 2.0 / config.rate_hz)
         self._gyro_delay_ns = config.gyro_group_delay_s * 1e9
         self._acc_delay_ns = config.acc_group_delay_s * 1e9
-        self._gyro_bias = np.array(config.gyro_bias_S_rad_s)
-        self._gyro_matrix = np.array(config.gyro_matrix)
-        self._acc_bias = np.array(config.acc_bias_S_m_s2)
+        self._config = config
         self._group: list[tuple[Arrival, ImuDatagram]] = []
         self._watch = LineWatch(IMU_LINE, SUBJECT, 1e9 / config.rate_hz, health.silent_periods)
         self._jitter_ns = health.jitter_s * 1e9
@@ -113,12 +112,7 @@ class ImuSource:
             else:
                 parts.append(self._one_by_one(chunks[:IRREGULAR_CHUNKS]))
                 chunks = chunks[IRREGULAR_CHUNKS:]
-        found = joined(parts) if parts else NO_SAMPLES
-        return replace(
-            found,
-            w_NS_S_rad_s=(found.w_NS_S_rad_s - self._gyro_bias) @ self._gyro_matrix.T,
-            f_NS_S_m_s2=found.f_NS_S_m_s2 - self._acc_bias,
-        )
+        return calibrated(self._config, joined(parts) if parts else NO_SAMPLES)
 
     def _follow(self, run: ImuRun) -> ImuSamples | None:
         """Accept a run of datagrams without a gap; else return None and change nothing.

@@ -6,6 +6,7 @@ configuration are applied as to values from the wire, with the message's stamp a
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -156,14 +157,22 @@ def wrench_samples(sensors: Sequence[WrenchSensorConfig]) -> SampleSource:
     return SampleSource(row, build, len(names))
 
 
+def calibrated(config: ImuConfig, samples: ImuSamples) -> ImuSamples:
+    """Return samples of an inertial unit without its known biases and the errors of its axes."""
+    rate = samples.w_NS_S_rad_s - np.array(config.gyro_bias_S_rad_s)
+    return replace(
+        samples,
+        w_NS_S_rad_s=rate @ np.array(config.gyro_matrix).T,
+        f_NS_S_m_s2=samples.f_NS_S_m_s2 - np.array(config.acc_bias_S_m_s2),
+    )
+
+
 def imu_samples(config: ImuConfig) -> SampleSource:
     """Return the source of the inertial unit: rates [rad/s] and specific forces [m/s^2] in S."""
     force_limit = config.acc_range_g * STANDARD_GRAVITY_M_S2
     gyro_ns, acc_ns = (
         round(s * 1e9) for s in (config.gyro_group_delay_s, config.acc_group_delay_s)
     )
-    bias = np.array([*config.gyro_bias_S_rad_s, *config.acc_bias_S_m_s2])
-    gyro_matrix = np.array(config.gyro_matrix)
 
     def row(message: Mapping[str, Any]) -> list[float]:
         wx, wy, wz = message.get(RATE, NOTHING)
@@ -174,9 +183,9 @@ def imu_samples(config: ImuConfig) -> SampleSource:
         values = values.reshape(-1, 6)
         far = (np.abs(values[:, :3]) > config.max_rate_rad_s).any(axis=1)
         far |= (np.abs(values[:, 3:]) > force_limit).any(axis=1)
-        t_ns, t_receive_ns, values = t_ns[~far], t_receive_ns[~far], values[~far] - bias
-        w = values[:, :3] @ gyro_matrix.T
-        return ImuSamples(t_ns - gyro_ns, t_ns - acc_ns, t_receive_ns, w, values[:, 3:])
+        t_ns, t_receive_ns, values = t_ns[~far], t_receive_ns[~far], values[~far]
+        w, f = values[:, :3], values[:, 3:]
+        return calibrated(config, ImuSamples(t_ns - gyro_ns, t_ns - acc_ns, t_receive_ns, w, f))
 
     return SampleSource(row, build)
 

@@ -355,3 +355,10 @@ def test_a_short_frame_and_a_silent_joint_are_reported(tmp_path: Path) -> None:
     assert [found.fault.value for found in source.findings()] == ["JOINT_SILENT"] * 2
     source.watch(frames[-1].t_ns + 70 * MS, up=True)
     assert not source.findings()
+
+
+def test_a_joint_that_was_never_heard_is_found(tmp_path: Path) -> None:
+    source = made(tmp_path, {"description": "robot.dbc"}, [odrive(0)])
+    for at_ns, count in ((0, 0), (4_000 * MS, 0), (5_001 * MS, 1), (5_002 * MS, 0)):
+        source.watch(T0 + at_ns, up=True)
+        assert [found.fault for found in source.findings()] == ["JOINT_SILENT"] * count

@@ -205,6 +205,13 @@ def test_a_silent_unit_is_found_even_if_it_was_never_heard(tmp_path):
     assert [found.fault for found in source.findings()] == ["IMU_SILENT"]
 
 
+def test_equal_readings_are_judged_only_where_noise_hides_the_steps(tmp_path):
+    fine = {"angle_random_walk_rad_sqrt_s": 1.0, "velocity_random_walk_m_s_sqrt_s": 1.0}
+    assert made(tmp_path, imu=unit(**fine)).is_screened
+    for coarse in fine:
+        assert not made(tmp_path, imu=unit(**(fine | {coarse: 1e-4}))).is_screened
+
+
 @pytest.mark.parametrize("rotation", ["inertial_to_tracker", "tracker_to_inertial"])
 @pytest.mark.parametrize("order", ["wxyz", "xyzw"])
 def test_attitudes_in_any_order_of_components(tmp_path, order, rotation):
