@@ -1,17 +1,15 @@
 """Commands of the long evidence: those that the packages beside this module declare.
 
-A package whose module `arguments` has COMMAND (with the word `study` before it, a study), HELP,
-EXAMPLE, FUNCTION and `add_arguments` is a command; nothing else names it.
+A package that has COMMAND, of `evidence.declaration`, is a command; nothing else names it.
 """
 
 import argparse
 from collections.abc import Iterator
 from importlib import import_module
-from importlib.util import find_spec
 from pkgutil import iter_modules
-from types import ModuleType
 
 import evidence
+from evidence.declaration import Command
 
 
 def add_parsers(
@@ -20,16 +18,18 @@ def add_parsers(
 ) -> None:
     """Add the commands and the studies; what they run is imported when it is run."""
     for declared in declarations():
-        *study, name = declared.COMMAND.split()
+        *study, name = declared.name.split()
         parser = (studies if study else commands).add_parser(
-            name, help=declared.HELP, epilog=f"example: {declared.EXAMPLE}"
+            name, help=declared.help, epilog=f"example: {declared.example}"
         )
-        declared.add_arguments(parser)
-        parser.set_defaults(function=declared.FUNCTION)
+        for add in declared.options:
+            add(parser)
+        parser.set_defaults(function=declared.function)
 
 
-def declarations() -> Iterator[ModuleType]:
-    """Yield the modules that declare a command, by the names of their packages."""
+def declarations() -> Iterator[Command]:
+    """Yield the declared commands, by the names of their packages."""
     for found in sorted(iter_modules(evidence.__path__, f"{evidence.__name__}.")):
-        if found.ispkg and find_spec(f"{found.name}.arguments"):
-            yield import_module(f"{found.name}.arguments")
+        declared = getattr(import_module(found.name), "COMMAND", None) if found.ispkg else None
+        if isinstance(declared, Command):
+            yield declared

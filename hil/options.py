@@ -1,7 +1,7 @@
 """Types of command-line options, and the call of a command's function."""
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 
@@ -24,41 +24,6 @@ def count_or_none(text: str) -> int:
     if not (text.isascii() and text.isdecimal()):
         raise argparse.ArgumentTypeError(f"{text}: must be a whole number of at least 0")
     return int(text)
-
-
-def add_several(
-    parser: argparse.ArgumentParser,
-    flag: str,
-    choices: Sequence[str],
-    words: str,
-    dest: str | None = None,
-) -> None:
-    """Add an option that may be repeated; without it the list is empty."""
-    parser.add_argument(
-        flag,
-        dest=dest,
-        action="append",
-        default=[],
-        choices=choices,
-        help=f"{words}; may be repeated",
-    )
-
-
-def add_resumable(parser: argparse.ArgumentParser, kept: str) -> None:
-    """Add the options of a campaign that can be resumed: `--jobs`, `--out` and `--json`."""
-    parser.add_argument("--jobs", type=count, default=1, metavar="N", help="processes, 1")
-    parser.add_argument("--out", type=Path, metavar="DIR", help=f"keep the {kept} and resume")
-    parser.add_argument("--json", action="store_true", dest="as_json", help="print one JSON object")
-
-
-def add_drawn(parser: argparse.ArgumentParser) -> None:
-    """Add the option of a study whose seeds follow from the commit."""
-    parser.add_argument(
-        "--seed",
-        type=seed,
-        metavar="K",
-        help="default: drawn from the commit's hash; for development, below 1000",
-    )
 
 
 def add_own(parser: argparse.ArgumentParser) -> None:
@@ -96,17 +61,6 @@ def require_own(arguments: argparse.Namespace) -> None:
     for setting in arguments.settings:
         if setting.startswith("flight."):
             raise ScenarioError(f"--set {setting}: --config is given; set it in {arguments.config}")
-
-
-def add_seeds(parser: argparse.ArgumentParser, number: int, printed: str) -> None:
-    """Add the options of evidence over seeds; `printed` names the JSON type in the help text."""
-    parser.add_argument("--first", type=seed, default=0, metavar="K", help="first seed, 0")
-    parser.add_argument("--count", type=count, default=number, metavar="N", help=f"seeds, {number}")
-    parser.add_argument("--jobs", type=count, default=1, metavar="N", help="processes, 1")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="keep what was found and resume")
-    parser.add_argument(
-        "--json", action="store_true", dest="as_json", help=f"print one JSON {printed}"
-    )
 
 
 def call(arguments: argparse.Namespace) -> int:

@@ -95,7 +95,7 @@ def campaign(inputs: int, folder: Path, seed: int, only: str = "") -> Iterator[B
     ------
     ScenarioError if the folder has a campaign with another seed.
     """
-    store = open_store(folder, seed)
+    store = Store(folder, {"seed": seed})
     states = summary(folder, store)["targets"]
     for target, share in quota(inputs, only).items():
         held = states[target]
@@ -107,11 +107,6 @@ def campaign(inputs: int, folder: Path, seed: int, only: str = "") -> Iterator[B
             store.add(f"{target}-{number}", asdict(result))
             _count(held, asdict(result))
             yield result
-
-
-def open_store(folder: Path, seed: int) -> Store:
-    """Return the store of a campaign. Raises ScenarioError if the store has another seed."""
-    return Store(folder, {"seed": seed})
 
 
 def summary(folder: Path, store: Store) -> dict[str, Any]:
@@ -146,7 +141,7 @@ def run(
     """Run a campaign to its end, call `tell` with every bout, and return the summary."""
     for result in campaign(inputs, folder, seed, only):
         tell(result)
-    return summary(folder, open_store(folder, seed))
+    return summary(folder, Store(folder, {"seed": seed}))
 
 
 def keep(folder: Path, kept: Path, most: int, most_bytes: int) -> None:

@@ -10,7 +10,6 @@ import numpy as np
 
 from evidence.kills.round import BOUND_RATIO, VICTIMS, Kill, Round
 from evidence.store import Store
-from hil.run.live import LiveError
 
 PER_ROUND = 12  # most kills in a round, which is one motion of about a minute
 
@@ -23,7 +22,7 @@ def campaign(count: int, folder: Path, seed: int) -> Iterator[Kill]:
     LiveError if a daemon does not return; the round's files are kept. ScenarioError if the folder
     has kills of another seed.
     """
-    store = open_store(folder, seed)
+    store = Store(folder, {"seed": seed})
     number = 1 + max((kill["round"] for kill in store.rows.values()), default=-1)
     while len(store.rows) < count:
         place = folder / f"round_{number:03d}"
@@ -40,14 +39,9 @@ def campaign(count: int, folder: Path, seed: int) -> Iterator[Kill]:
         number += 1
 
 
-def open_store(folder: Path, seed: int) -> Store:
-    """Return the store of a campaign. Raises ScenarioError if it has kills of another seed."""
-    return Store(folder, {"seed": seed})
-
-
 def summary(folder: Path, seed: int) -> dict[str, Any]:
     """Return the counts, the worst times, and every fault of the kills in a folder."""
-    held = list(open_store(folder, seed).rows.values())
+    held = list(Store(folder, {"seed": seed}).rows.values())
     result: dict[str, Any] = {"kills": len(held), "bound_ratio": BOUND_RATIO}
     for victim in VICTIMS:
         ratios = [kill["ratio"] for kill in held if kill["victim"] == victim]
@@ -65,11 +59,3 @@ def summary(folder: Path, seed: int) -> dict[str, Any]:
     ]
     result["late"] = sum(bool(kill["late"]) for kill in held)
     return result
-
-
-def run(count: int, folder: Path, seed: int) -> Iterator[Kill | LiveError]:
-    """Yield the kills of a campaign; yield LiveError last if a daemon does not return."""
-    try:
-        yield from campaign(count, folder, seed)
-    except LiveError as error:
-        yield error

@@ -3,8 +3,7 @@
 import json
 from pathlib import Path
 
-from evidence.kills.campaign import run as kills
-from evidence.kills.campaign import summary
+from evidence.kills.campaign import campaign, summary
 from evidence.provenance import seed_or_fresh
 from evidence.terminal import bar
 from hil.run.live import LiveError
@@ -16,15 +15,15 @@ def run(*, count: int, seed: int | None, out: Path) -> int:
     number = seed_or_fresh(seed, "kills")
     with bar() as progress:
         task = progress.add_task("kills", total=count)
-        for kill in kills(count, folder, number):
-            if isinstance(kill, LiveError):
-                progress.console.print(str(kill), markup=False)
-                failed = True
-                continue
-            progress.advance(task)
-            for fault in (*kill.faults, *kill.late):
-                text = f"round {kill.round} kill {kill.number} ({kill.victim}): {fault}"
-                progress.console.print(text, markup=False)
+        try:
+            for kill in campaign(count, folder, number):
+                progress.advance(task)
+                for fault in (*kill.faults, *kill.late):
+                    text = f"round {kill.round} kill {kill.number} ({kill.victim}): {fault}"
+                    progress.console.print(text, markup=False)
+        except LiveError as error:
+            progress.console.print(str(error), markup=False)
+            failed = True
     result = summary(folder, number)
     print(json.dumps(result))
     return int(bool(failed or result["faults"] or result["late"]))

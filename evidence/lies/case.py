@@ -15,7 +15,7 @@ import numpy as np
 import yaml
 
 from evidence.effects.samples import exact, noisy, rate_hz
-from evidence.lies.arguments import DEFAULT
+from evidence.lies import DEFAULT
 from evidence.lies.table import Lie, drawn
 from evidence.methods.flight_side import write_config
 from evidence.methods.sensed import Channels, condition

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from evidence import runner
-from evidence.lies.arguments import DEFAULT, EXACT, KINDS, SENSORS
+from evidence.lies import DEFAULT, EXACT, KINDS, SENSORS
 from evidence.lies.case import FLIGHTS, Case, work
 from evidence.lies.table import every
 from evidence.provenance import draw

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from evidence.lies.arguments import KINDS, SENSORS
+from evidence.lies import KINDS, SENSORS
 from evidence.methods.sensed import Channels
 from hil.world.inertia import FloatArray
 

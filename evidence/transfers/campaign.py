@@ -135,7 +135,7 @@ def campaign(count: int, folder: Path, seed: int) -> Iterator[TransferResult]:
     ------
     LiveError if the daemon does not return. ScenarioError if the folder has another seed.
     """
-    store = open_store(folder, seed)
+    store = Store(folder, {"seed": seed})
     done = len(store.rows)
     if done >= count:
         return
@@ -151,11 +151,6 @@ def campaign(count: int, folder: Path, seed: int) -> Iterator[TransferResult]:
             result = Exchange(daemon, cable, place, number, seed).run()
             store.add(str(number), asdict(result))
             yield result
-
-
-def open_store(folder: Path, seed: int) -> Store:
-    """Return the store of a campaign. Raises ScenarioError if the store has another seed."""
-    return Store(folder, {"seed": seed})
 
 
 class Exchange:

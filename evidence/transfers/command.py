@@ -4,8 +4,9 @@ import json
 from pathlib import Path
 
 from evidence.provenance import seed_or_fresh
+from evidence.store import Store
 from evidence.terminal import bar
-from evidence.transfers.campaign import campaign, open_store, summary
+from evidence.transfers.campaign import campaign, summary
 
 
 def run(*, count: int, seed: int | None, out: Path) -> int:
@@ -17,6 +18,6 @@ def run(*, count: int, seed: int | None, out: Path) -> int:
             progress.update(task, completed=result.number + 1)
             if result.fault:
                 progress.console.print(f"{result.number}: {result.fault}", markup=False)
-    found = summary(open_store(folder, number))
+    found = summary(Store(folder, {"seed": number}))
     print(json.dumps(found))
     return int(bool(found["faults"] or found["late"]))

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from evidence.lies import command
-from evidence.lies.arguments import KINDS
+from evidence.lies import KINDS, command
 from evidence.lies.case import Case
 from evidence.lies.table import SETTLE_S, SIZES, SPAN, VALUES, Lie
 from evidence.methods.sensed import Channels

@@ -2,7 +2,7 @@
 
 import pytest
 
-from evidence.lies.arguments import EXACT
+from evidence.lies import EXACT
 from evidence.lies.case import Flight, estimates_of, flight_of, judged
 from evidence.lies.table import Lie
 from hil.world.scenario import load
