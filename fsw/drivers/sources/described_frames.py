@@ -75,8 +75,9 @@ class FrameReader:
                 here = slice(None) if page is None else ~np.isnan(columns[page])
                 at = place[here]
                 values = np.full((len(at), self._width), np.nan)
-                for k in signals:
-                    values[:, kind.roles[k]] = columns[k][here] * kind.factors[k]
+                with np.errstate(invalid="ignore", over="ignore"):  # any bits may come
+                    for k in signals:
+                        values[:, kind.roles[k]] = columns[k][here] * kind.factors[k]
                 joints.append(kind.joints[at, slot])
                 parts.append((kind.members[at, slot], t_ns[here], rows[here], values))
         joint = np.concatenate(joints)

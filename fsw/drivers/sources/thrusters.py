@@ -19,6 +19,7 @@ from fsw.messages.findings import Fault
 COUNT = 256  # modulus of the counter of changes
 AGE_SCALE_NS = 10_000
 OLD_NS = 0xFFFF * AGE_SCALE_NS  # the newest change is this old or older, or there was none
+AGES_S = 1e8  # longer than any flight
 SURE_SIGMAS = 6.0  # by which stamps may be wrong
 REPORT = message_of(
     "thruster",
@@ -64,7 +65,7 @@ class _Node:
     ) -> list[_Row]:
         """Accept a report; return its rows."""
         before_ns, before = self._latch_ns, [self.is_open(own) for _, own in self.thrusters]
-        first, age_ns = before_ns is None, -1 if np.isnan(told_s) else round(told_s * 1e9)
+        first, age_ns = before_ns is None, round(min(told_s, AGES_S) * 1e9) if told_s >= 0 else -1
         several, gap_ns = 0, latch_ns - (before_ns or latch_ns)
         if self._is_tailored:
             several = (int(changes) - self._changes) % COUNT
