@@ -6,8 +6,8 @@ the body: B for the base, E for a target. Wrong input raises ConfigError with on
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import cached_property
 from math import inf
@@ -17,12 +17,12 @@ from typing import TYPE_CHECKING, Any, get_args
 import numpy as np
 
 from fsw.checks.configuration import validate
-from fsw.errors import ConfigError, EstimatorError
+from fsw.errors import ConfigError
 from fsw.exchange.recording_parts import contents_of, parts_of
 from fsw.messages import FloatArray
 from fsw.service.recorder import recorded_config
 from offline.arrays import Samples
-from offline.calls import T, in_calls
+from offline.calls import T, errors_in_calls, in_calls
 from offline.check_recording import check_recording, verdict_line
 from offline.export_body import FORMATS
 from offline.identified_body import Body, body_of
@@ -33,7 +33,7 @@ from offline.replay_result import ReplayResult
 from offline.report import Written, write_report
 from offline.report.identified import write_identified
 from offline.report.live import LIVE, in_the_background, recording_of, status_of
-from offline.robot import Criterion, Folder, Method, Robot, Weighting, one_of
+from offline.robot import Criterion, Folder, Method, Robot, Weighting, named, one_of
 from offline.span import Span
 from offline.threads import on_one_thread
 
@@ -72,13 +72,9 @@ class Recording:
         """Return texts of a result with calls in the place of commands if arrays made it."""
         return in_calls(value, self.path) if self.notes else value
 
-    @contextmanager
-    def named(self) -> Iterator[None]:
-        """Raise the errors of the block with their text as `texts` returns it."""
-        try:
-            yield
-        except (ConfigError, EstimatorError) as error:
-            raise type(error)(self.texts(str(error))) from error
+    def named(self) -> AbstractContextManager[None]:
+        """Return a context in which errors have their text as `texts` returns it."""
+        return errors_in_calls(self.path) if self.notes else nullcontext()
 
     def __repr__(self) -> str:
         return f"Recording({self.path}: {', '.join(self.channels)})"
@@ -87,7 +83,7 @@ class Recording:
 Source = Recording | Samples | Path | str
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Identification:
     """Result of a batch method; docs/output.md describes every field of `values`."""
 
@@ -143,8 +139,10 @@ class Identification:
         text = to_text(self.values)
         return in_calls(text) if self.values.get("input") else text
 
+    __repr__ = __str__
 
-@dataclass(frozen=True, slots=True)
+
+@dataclass(frozen=True, slots=True, repr=False)
 class Findings:
     """What `check` found, printed as `fsw check CONFIG RECORDING` prints it."""
 
@@ -154,6 +152,8 @@ class Findings:
 
     def __str__(self) -> str:
         return "\n".join([*self.lines, self.verdict])
+
+    __repr__ = __str__
 
 
 def load(path: Path | str) -> Recording:
@@ -232,9 +232,10 @@ def identify(
     be used.
     """
     held, robot = _pair(recording, robot)
-    chosen = robot.with_choices(method=method, weighting=weighting, unknown=unknown)
+    with held.named():
+        chosen = robot.with_choices(method=method, weighting=weighting, unknown=unknown)
+        span = Span(from_s, to_s)
     _apart(report, held)
-    span = Span(from_s, to_s)
     empty = None if reference is None else _pair(reference, robot)[0].path
 
     def show(values: Mapping[str, Any], evidence: Evidence) -> None:
@@ -272,9 +273,9 @@ def replay(
     ConfigError if recording and configuration do not fit.
     """
     held, robot = _pair(recording, robot)
-    span = Span(from_s, to_s)
     with held.named():
-        return replay_recording(held.path, robot.config, span=span, progress=progress)
+        own = replay_recording(held.path, robot.config, span=Span(from_s, to_s), progress=progress)
+    return held.texts(own)
 
 
 @on_one_thread
@@ -315,18 +316,20 @@ def report(
         in_the_background()
     held, robot = _pair(recording, robot)
     _apart(out, held)
-    return write_report(
-        held.path,
-        robot.config,
-        Path(out),
-        span=Span(from_s, to_s),
-        with_csv=with_csv,
-        with_png=with_png,
-        with_parquet=with_parquet,
-        with_mcap=with_mcap,
-        daemon=daemon,
-        progress=progress,
-    )
+    with held.named():
+        written = write_report(
+            held.path,
+            robot.config,
+            Path(out),
+            span=Span(from_s, to_s),
+            with_csv=with_csv,
+            with_png=with_png,
+            with_parquet=with_parquet,
+            with_mcap=with_mcap,
+            daemon=daemon,
+            progress=progress,
+        )
+    return held.texts(written)
 
 
 @on_one_thread
@@ -377,21 +380,18 @@ def plan(
 
 def _pair(recording: Source, robot: Robot | None) -> tuple[Recording, Robot]:
     if robot is not None and not isinstance(robot, Robot):
-        raise ConfigError(f"robot: {_named(robot)} must be a Robot, such as Robot('robot.yaml')")
+        raise ConfigError(f"robot: {named(robot)} must be a Robot, such as Robot('robot.yaml')")
+    if not isinstance(recording, Recording | Samples | Path | str):
+        raise ConfigError(f"recording: {named(recording)} must be a path or Samples(t_s=, q=)")
     if not isinstance(recording, Samples):
         held = recording if isinstance(recording, Recording) else load(recording)
         return held, held.robot if robot is None else robot
     if robot is None:
         raise ConfigError("robot: missing; arrays have none: Robot.from_urdf('arm.urdf', tool=...)")
     robot, folder = robot.fitted(recording), Folder()
-    path = folder.path / "samples.mcap"
+    path = folder.path / "samples"
     notes = recording.write(robot.config, path)
     return Recording(path, folder, notes), robot
-
-
-def _named(value: object) -> str:
-    """Return a value for a message: a path as it is, anything else by its kind."""
-    return repr(value) if isinstance(value, str | Path) else f"a {type(value).__name__}"
 
 
 def _apart(out: Path | str | None, held: Recording) -> None:

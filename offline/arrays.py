@@ -196,6 +196,8 @@ def _numbers(name: str, values: ArrayLike) -> FloatArray:
     if found.ndim != axes or len(found) < LEAST or (width and found.shape[1] != width):
         columns = "" if axes == 1 else f", {width or 'one for each joint'}"
         words = f"({LEAST} rows or more{columns})"
+        turned = found.ndim == axes == 2 and found.shape[0] < LEAST <= found.shape[1]
+        words += "; is it transposed?" * turned
         raise ConfigError(f"samples: {name}: of shape {found.shape}; must be {words}")
     if axes == 1 and (rising := int(np.count_nonzero(np.diff(found) > 0.0))) < LEAST - 1:
         words = f"{rising} of {len(found) - 1} steps go forward; must be at least {LEAST - 1}"

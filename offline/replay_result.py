@@ -15,7 +15,7 @@ from offline.unused import unused_lines
 SHOWN_EVENTS = 20
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class ReplayResult:
     """Result of a replay; `estimate` is None if no window could be used."""
 
@@ -78,6 +78,9 @@ class ReplayResult:
             "dropped": self.dropped,
             "wall_s": self.wall_s,
         }
+
+    def __repr__(self) -> str:
+        return self.to_text()
 
     def to_text(self) -> str:
         """Return a short table: parameters with their sigma, then the sources."""

@@ -13,11 +13,14 @@ from tempfile import mkdtemp
 from typing import TYPE_CHECKING, Any, Literal, get_args
 from weakref import finalize
 
+import numpy as np
+
 from fsw.checks.configuration import validate
 from fsw.config import Config
 from fsw.config import load as load_config
 from fsw.config.overlay_file import with_overlays
 from fsw.errors import ConfigError, brief
+from offline.calls import errors_in_calls
 
 if TYPE_CHECKING:
     from offline.arrays import Samples
@@ -89,6 +92,8 @@ class Robot:
         """
         from offline.robot_of_urdf import config_of_urdf  # reads recordings
 
+        if str(urdf).lstrip().startswith("<"):
+            raise ConfigError("urdf: is the text of a URDF; must be its path")
         one_of("base", base, ("free", "planar", "clamped"))
         sections = prior.values() if isinstance(prior, Mapping) else [prior]
         if prior is not None and not all(isinstance(own, Mapping) for own in sections):
@@ -101,15 +106,17 @@ class Robot:
             urdf=Path(urdf).absolute(),
             tool=tool,
             unknown=names,
-            prior=prior or {},
+            prior=plain(prior or {}),
             flags=flags,
-            settings=settings or {},
+            settings=plain(settings or {}),
         )
-        return cls(fit(None), fit=fit)
+        with errors_in_calls():
+            return cls(fit(None), fit=fit)
 
     def fitted(self, samples: Samples) -> Robot:
         """Return this robot with rates and noise of the arrays, if it is one of `from_urdf`."""
-        return self if self._fit is None else Robot(self._fit(samples), folder=self._folder)
+        with errors_in_calls():
+            return self if self._fit is None else Robot(self._fit(samples), folder=self._folder)
 
     def _with(self, change: Callable[[Config], Config]) -> Robot:
         """Return this robot with a changed configuration, whatever arrays it is used with."""
@@ -177,6 +184,20 @@ class Robot:
     def __repr__(self) -> str:
         words = f"{len(self.joints)} joints, unknown {' and '.join(self.unknown)}"
         return f"Robot({self.config.name}: {words})"
+
+
+def plain(value: object) -> Any:  # noqa: ANN401
+    """Return a value with the numbers and arrays of NumPy as those of Python."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return {key: plain(own) for key, own in value.items()}
+    return [plain(own) for own in value] if isinstance(value, list | tuple) else value
+
+
+def named(value: object) -> str:
+    """Return a value for a message: a path as it is, anything else by its kind."""
+    return repr(value) if isinstance(value, str | Path) else f"a {type(value).__name__}"
 
 
 def one_of(key: str, value: str | None, known: Sequence[str]) -> None:

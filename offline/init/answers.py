@@ -88,7 +88,10 @@ def one_of(known: Sequence[str]) -> Callable[[str], str]:
 
 def mass_kg(text: str) -> float:
     """Return a positive mass [kg] within the bound of the configuration."""
-    mass = float(text)
+    try:
+        mass = float(text)
+    except ValueError as error:
+        raise ValueError(f"{text!r} must be a number of kg") from error
     if not 0.0 < mass <= MAX_MASS_KG:
         raise ValueError(f"{mass:g} must be positive and at most {MAX_MASS_KG:g} kg")
     return mass

@@ -122,6 +122,8 @@ def described(
     usual = "motor_current" if is_current else "arm_sensor" if is_held else "generic"
     arguments.torque = arguments.torque or usual
     text = _text(arguments, ask, tool, root, model, found)
+    if is_held and arguments.unknown in ("base", "both"):
+        raise ConfigError(f"--unknown: {arguments.unknown!r}; a clamped base cannot be found")
     ask.require_all()
     return text + base, found
 

@@ -21,7 +21,7 @@ from offline.span import WHOLE, Span
 ESTIMATE = "Estimate over time"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Written:
     """The files of a report, the page first, and the result it shows."""
 
@@ -29,6 +29,9 @@ class Written:
     verdict: str
     valid: bool  # whether the estimate may be used
     result: ReplayResult
+
+    def __repr__(self) -> str:
+        return "\n".join([self.verdict, *map(str, self.paths)])
 
 
 def write_report(

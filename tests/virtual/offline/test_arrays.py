@@ -156,7 +156,18 @@ def test_a_result_of_arrays_names_no_command(lab):
     text = f"{found} {json.dumps(found.values)}"
     assert not found.valid
     assert "fsw.check(samples, robot)" in text
+    assert repr(found) == str(found), "a notebook shows the table"
     assert re.findall(r"fsw [a-z]+|--[a-z]+|CONFIG|\S*\.mcap", text) == []
+
+
+def test_replay_and_report_of_arrays_name_no_command(lab, tmp_path):
+    samples = reversed_torque(lab)
+    found = fsw.replay(samples, fsw.Robot(lab.config), to_s=6.0)
+    assert repr(found) == str(found)
+    assert str(found).startswith("fused, unknown target: not valid"), "as the command prints it"
+    page = fsw.report(samples, fsw.Robot(lab.config), tmp_path / "page.html", to_s=6.0)
+    for text in (str(found), repr(page), page.paths[0].read_text()):
+        assert re.findall(r"--(?:from|to|config)\b|\S*\.mcap\b|fsw-recording", text) == []
 
 
 def test_an_error_about_arrays_names_no_file(lab):
@@ -225,6 +236,10 @@ def test_sensors_without_arrays_are_not_there(tmp_path):
         ({"tau": np.zeros((799, 3))}, "samples: tau: 799 rows, and t_s has 800"),
         ({"gyro_rad_s": None}, "specific_force_m_s2: given without gyro_rad_s"),
         ({"gyro_rad_s": "fast"}, "samples: gyro_rad_s: 'fast' must be numbers"),
+        (
+            {"q": np.zeros((3, 800))},
+            "of shape (3, 800); must be (8 rows or more, one for each joint); is it transposed?",
+        ),
         ({"q": np.zeros((800, 2))}, "samples: q: 2 columns; must be 3, one for each of axis1"),
         ({"gyro_rad_s": None, "specific_force_m_s2": None}, "gyro_rad_s: missing; only"),
         ({"q": np.full((800, 3), np.nan)}, "samples"),
@@ -253,10 +268,12 @@ def test_masked_values_are_missing():
 @pytest.mark.parametrize(
     ("choices", "words"),
     [
-        ({"tool": "hand"}, "--tool"),
+        ({"tool": "hand"}, "tool: 'hand' must be one of"),
+        ({"unknown": "both", "base": "clamped"}, "unknown: 'both'; a clamped base cannot be found"),
+        ({"prior": {"target": {"mass_kg": -1.0}}}, "prior: target.mass_kg: -1 must be positive"),
         ({"base": "held"}, "base: 'held' must be one of free"),
         ({"prior": {}}, "prior: 'target' missing; it needs at least mass_kg"),
-        ({"prior": {"target": {"mass_kg": "heavy"}}}, "mass"),
+        ({"prior": {"target": {"mass_kg": "heavy"}}}, "target.mass_kg: 'heavy' must be a"),
         ({"prior": 2.0}, "prior: 2.0 must be a dict of bodies, {'target': {'mass_kg': ...}}"),
         ({"prior": {"target": 2.0}}, "prior: {'target': 2.0} must be a dict of bodies, {'target'"),
         ({"settings": {"imu": {"colour": 3}}}, "imu.colour: unknown key"),
@@ -264,8 +281,28 @@ def test_masked_values_are_missing():
     ],
 )
 def test_a_robot_that_cannot_be_is_one_line(tmp_path, choices, words):
-    with pytest.raises(ConfigError, match=re.escape(words)):
+    with pytest.raises(ConfigError, match=rf"(?s)^(?!--).*{re.escape(words)}"):
         arm(tmp_path, **choices)
+
+
+def test_numbers_of_numpy_are_numbers(tmp_path):
+    prior = {"target": {"mass_kg": np.float32(2.0), "com_m": np.array([0.0, 0.0, 0.1])}}
+    mounting = {"p_BS_m": np.ones(3)}
+    robot = arm(tmp_path, prior=prior, settings={"imu": {"mounting": mounting}})
+    assert (robot.config.bodies["target"].mass_kg, robot.config.imu.mounting.p_BS_m[0]) == (2, 1)
+
+
+def test_the_text_of_a_urdf_is_no_path():
+    with pytest.raises(ConfigError, match="urdf: is the text of a URDF; must be its path") as said:
+        fsw.Robot.from_urdf(arm_urdf(3), **CHOICES)
+    assert len(str(said.value)) < 100
+
+
+def test_what_is_no_recording_is_one_line(tmp_path):
+    with pytest.raises(ConfigError, match=r"recording: a dict must be a path or Samples\(t_s="):
+        fsw.identify({"t_s": [0.0]}, arm(tmp_path))
+    with pytest.raises(ConfigError, match=r"^to_s: -1 must be greater than from_s 0$"):
+        fsw.identify(arrays(), arm(tmp_path), to_s=-1.0)
 
 
 def test_exchanged_arguments_are_one_short_line(tmp_path):
