@@ -16,6 +16,7 @@ from fsw.drivers.sources.wheels import WheelBusSource
 from fsw.drivers.wire import CanFrame, frame_array
 from fsw.errors import ConfigError
 from tests.support.driver_configs import bus_config
+from tests.support.own_wires import EDS
 from tests.support.wheel_cases import wheel_settings
 
 MS = 1_000_000
@@ -147,3 +148,15 @@ def test_a_signal_that_is_not_described_is_named(tmp_path):
     wrong = {"speed": {"message": "wheel0", "signal": "rate"}}
     with pytest.raises(ConfigError, match=r"^wheels.0.signals.speed.signal: 'rate' is not in"):
         made(tmp_path, [wheel(0, signals=wrong)])
+
+
+def test_a_wheel_by_an_eds_of_its_own_is_a_node_that_is_started(tmp_path):
+    (tmp_path / "wheel.eds").write_text(EDS)
+    own = {"speed": {"message": "TPDO1", "signal": "0x6064", "unit": "rpm"}}
+    data = wheel(0, signals=own, description="wheel.eds", node_id=5)
+    source = made(tmp_path, [data], sync_counter_max=0)
+    frames = [CanFrame(T0, 0x80, b""), CanFrame(T0 + MS, 0x185, struct.pack("<Hih", 7, -90, 0))]
+    samples = source.feed(frame_array(frames))
+    np.testing.assert_allclose(samples.values[:, 0], [-90 * math.tau / 60])
+    config = Config.model_construct(wheels=(WheelConfig.model_validate(data),))
+    assert [node.node_id for node in config.can_nodes] == [5]
