@@ -36,7 +36,8 @@ class Reports:
     Parameters
     ----------
     line : what a silent device is, and one whose reports are missing
-    refused : what rejected reports are; empty: neither they nor lost ones are findings
+    refused : what reports with a bad status or value are; empty: neither rejected nor lost ones are
+        findings
     """
 
     def __init__(
@@ -47,7 +48,10 @@ class Reports:
         refused: Mapping[Reject, Fault] | None = None,
         silent_periods: float = SILENT_REPORTS,
     ) -> None:
-        self._bus, self._refused = bus.name, refused or {}
+        self._bus, self._refused = bus.name, dict(refused or {})
+        if refused:
+            self._refused |= {Reject.LENGTH: line.damaged, Reject.STALE: line.clock}
+            self._refused |= {Reject.SEQUENCE: line.doubled}
         names, rates_hz, layouts, ids = zip(*devices, strict=True)
         self._samples = DescribedSamples(bus, layouts, rates_hz)
         services = [service | node for node in ids if node is not None for service in SERVICES]

@@ -27,7 +27,7 @@ class _Kind:
     ----------
     samples : makes the source whose `build` calibrates and judges values
     clusters, width : faults of values that are missing together, and how many they are
-    line, refused : faults of its line, and of samples that are not used
+    line, refused : faults of its line, and of samples with a bad status or value
     """
 
     samples: Callable[[Any], SampleSource]
@@ -43,26 +43,14 @@ _KINDS = {
         clusters=(Fault.GYRO_FAULT, Fault.ACC_FAULT),
         width=3,
         line=IMU_LINE,
-        refused={
-            Reject.LENGTH: Fault.IMU_CRC,
-            Reject.STALE: Fault.IMU_COUNTER,
-            Reject.STATUS: Fault.GYRO_FAULT,
-            Reject.RANGE: Fault.IMU_RANGE,
-            Reject.SEQUENCE: Fault.IMU_DUPLICATE,
-        },
+        refused={Reject.STATUS: Fault.GYRO_FAULT, Reject.RANGE: Fault.IMU_RANGE},
     ),
     "star_tracker": _Kind(
         samples=attitude_samples,
         clusters=(Fault.TRACKER_BLIND,),
         width=4,
         line=TRACKER_LINE,
-        refused={
-            Reject.LENGTH: Fault.TRACKER_DAMAGED,
-            Reject.STALE: Fault.TRACKER_CLOCK,
-            Reject.STATUS: Fault.TRACKER_BLIND,
-            Reject.RANGE: Fault.TRACKER_RANGE,
-            Reject.SEQUENCE: Fault.TRACKER_DUPLICATE,
-        },
+        refused={Reject.STATUS: Fault.TRACKER_BLIND, Reject.RANGE: Fault.TRACKER_RANGE},
     ),
 }
 

@@ -33,48 +33,18 @@ SILENT_S = 0.1  # a program on a machine with others may pause for a shorter tim
 LATE_S = 0.02  # ... and a datagram may wait for this long
 MAX_FINDINGS = 1024  # kept until `findings`; the oldest are discarded
 FEED_LINE = LineFaults(
-    Fault.BUS_SILENT, Fault.JOINT_LOST, Fault.JOINT_LENGTH, Fault.JOINT_LENGTH, Fault.NODE_UNKNOWN
+    Fault.BUS_SILENT,
+    Fault.JOINT_LOST,
+    Fault.JOINT_LENGTH,
+    Fault.JOINT_LENGTH,
+    Fault.NODE_UNKNOWN,
+    Fault.JOINT_DUPLICATE,
+    Fault.JOINT_ORDER,
+    Fault.JOINT_COUNTER,
+    Fault.JOINT_LATE,
+    Fault.NODE_RESTARTED,
 )
-
-
-@dataclass(frozen=True, slots=True)
-class _Faults:
-    """Codes of the faults of one kind of datagrams."""
-
-    line: LineFaults
-    doubled: Fault
-    order: Fault
-    clock: Fault
-    late: Fault
-    restarted: Fault
-
-
-_FAULTS = {
-    Kind.JOINTS: _Faults(
-        FEED_LINE,
-        Fault.JOINT_DUPLICATE,
-        Fault.JOINT_ORDER,
-        Fault.JOINT_COUNTER,
-        Fault.JOINT_LATE,
-        Fault.NODE_RESTARTED,
-    ),
-    Kind.IMU: _Faults(
-        IMU_LINE,
-        Fault.IMU_DUPLICATE,
-        Fault.IMU_COUNTER,
-        Fault.IMU_COUNTER,
-        Fault.IMU_JITTER,
-        Fault.IMU_COUNTER,
-    ),
-    Kind.ATTITUDE: _Faults(
-        TRACKER_LINE,
-        Fault.TRACKER_DUPLICATE,
-        Fault.TRACKER_CLOCK,
-        Fault.TRACKER_CLOCK,
-        Fault.TRACKER_LATE,
-        Fault.TRACKER_CLOCK,
-    ),
-}
+_FAULTS = {Kind.JOINTS: FEED_LINE, Kind.IMU: IMU_LINE, Kind.ATTITUDE: TRACKER_LINE}
 
 
 @dataclass(slots=True)
@@ -82,7 +52,7 @@ class _Stream:
     """The datagrams of one kind."""
 
     name: str
-    faults: _Faults
+    faults: LineFaults
     widths: tuple[int, ...]  # possible numbers of values
     track: SenderTrack
     watch: LineWatch
@@ -147,7 +117,7 @@ class FeedSource:
     ) -> None:
         faults = _FAULTS[kind]
         silent_periods = max(health.silent_periods, SILENT_S * rate_hz)
-        watch = LineWatch(faults.line, name, 1e9 / rate_hz, silent_periods)
+        watch = LineWatch(faults, name, 1e9 / rate_hz, silent_periods)
         track = SenderTrack(self._feed, rate_hz)
         self._streams[kind] = _Stream(name, faults, widths, track, watch, per_datagram)
 
@@ -193,7 +163,7 @@ class FeedSource:
             stream.counts.reject(reason or Reject.LENGTH, length)
             is_damaged = reason is Reject.LENGTH
             faults = stream.faults
-            fault = faults.line.damaged if is_damaged else faults.line.noise
+            fault = faults.damaged if is_damaged else faults.noise
             stream.watch.find(t_ns, faults.clock if reason is Reject.STALE else fault, words)
             return
         order = stream.track.judge(item, t_ns)

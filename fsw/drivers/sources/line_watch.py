@@ -5,7 +5,7 @@ datagram leaves all its bytes, a datagram that lost bytes leaves fewer, and junk
 """
 
 from collections import deque
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from fsw.messages.findings import Fault, Finding
 
@@ -15,19 +15,32 @@ REPEAT_NS = 100_000_000  # a silence that continues is reported again after this
 START_NS = 5_000_000_000  # a device may take this long from the opened port to its first frame
 
 
-@dataclass(frozen=True, slots=True)
-class LineFaults:
-    """Codes of the line faults of one device."""
+class LineFaults(NamedTuple):
+    """Codes of the faults of what one device, or one sender, sends."""
 
     silent: Fault
     lost: Fault
     bytes_lost: Fault
     damaged: Fault
     noise: Fault
+    doubled: Fault
+    order: Fault
+    clock: Fault
+    late: Fault
+    restarted: Fault
 
 
 IMU_LINE = LineFaults(
-    Fault.IMU_SILENT, Fault.IMU_LOST, Fault.IMU_BYTES_LOST, Fault.IMU_CRC, Fault.IMU_NOISE
+    Fault.IMU_SILENT,
+    Fault.IMU_LOST,
+    Fault.IMU_BYTES_LOST,
+    Fault.IMU_CRC,
+    Fault.IMU_NOISE,
+    Fault.IMU_DUPLICATE,
+    Fault.IMU_COUNTER,
+    Fault.IMU_COUNTER,
+    Fault.IMU_JITTER,
+    Fault.IMU_COUNTER,
 )
 TRACKER_LINE = LineFaults(
     Fault.TRACKER_SILENT,
@@ -35,12 +48,17 @@ TRACKER_LINE = LineFaults(
     Fault.TRACKER_DAMAGED,
     Fault.TRACKER_DAMAGED,
     Fault.TRACKER_NOISE,
+    Fault.TRACKER_DUPLICATE,
+    Fault.TRACKER_CLOCK,
+    Fault.TRACKER_CLOCK,
+    Fault.TRACKER_LATE,
+    Fault.TRACKER_CLOCK,
 )
 
 
 def silent_only(fault: Fault) -> LineFaults:
     """Return the faults of a device of which nothing but its silence is one."""
-    return LineFaults(fault, fault, fault, fault, fault)
+    return LineFaults(*[fault] * len(LineFaults._fields))
 
 
 class LineWatch:
