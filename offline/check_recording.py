@@ -180,6 +180,8 @@ def _advice(source: str, status: Mapping[str, Any], feeds: Collection[str]) -> s
 def _residual_words(verdict: Verdict, config: Config) -> str:
     level = f"residuals {verdict.before**0.5:.3g} times the declared noise"
     after = f"{verdict.after**0.5:.3g} times"
+    if verdict.before <= LARGE and any(".sign" in own or "way" in own for own in verdict.found):
+        return level
     if verdict.before <= LARGE:
         fits = "signs, order of joints" if verdict.mounting else ALL_FITS
         if verdict.before < NOTHING:

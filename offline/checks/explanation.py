@@ -43,6 +43,7 @@ FREED_ITERATIONS = 60
 FEW_PLACES, FEW_ITERATIONS = 3, 5  # at which all mistakes are compared ...
 CANDIDATES = 8  # ... of which the best ones are tried at all places
 LEAST_OFFSET_S, OFFSET_GAIN = 4e-3, 60.0  # least shift of a clock, and of the squared residuals
+DOUBTFUL_GAIN, LEAST_LEVEL = 30.0, 1e-9  # of another sign, in residuals scaled to the noise found
 SIZE_TOLERANCE, SIZINGS = 2e-4, 15  # of the search for the best size ...
 FEW_SIZINGS = 8  # ... and before the best mistakes are chosen
 UNFIT = 1e30  # stands for no fit in that search
@@ -86,8 +87,10 @@ def explain_residuals(
     fit = trial.fit(FREED_ITERATIONS, plain=True)  # if not settled, it would look wrong
     before, config = fit.level, trial.config
     found, nearest, level, count = _searched(trial, before, progress)
+    likelier = ""
     if before <= LARGE:
         found = _small_offset(trial, fit)
+        found, likelier = (found, "") if found else _likelier_sign(trial, fit)
     mounting = doubtful = ""
     if not found:
         left, mounting, doubtful = _doubted(config, trial.problem, blocks, before)
@@ -105,7 +108,7 @@ def explain_residuals(
         nearest=() if found else tuple(name.partition(OR)[0] for name in nearest),
         tried=count,
         mounting=mounting,
-        doubtful=doubtful,
+        doubtful=doubtful or likelier,
     )
 
 
@@ -192,13 +195,34 @@ def _without_one(trial: Trial) -> Iterator[list[Block]]:
 
 def _signs(trial: Trial, level: float) -> list[str]:
     """Return words on the joints' sign that leaves residuals as small as noise, if there is one."""
-    few = trial.thinned(FEW_PLACES)
-    screened = [_without(own, few, 0.0, FEW_ITERATIONS) for own in signs(trial.config)]
-    best = sorted(screened, key=lambda own: own.level)[:MOST_ALIKE]
-    tried = sorted((_without(own.mistake, trial) for own in best), key=lambda own: own.level)
+    tried = _other_signs(trial)
     if not tried or tried[0].level > LARGE or _excess(tried[0].level) > EXPLAINED * _excess(level):
         return []
     return _words([[own for own in tried if own.level <= ALIKE * max(tried[0].level, 1.0)]])
+
+
+def _other_signs(trial: Trial) -> list[_Tried]:
+    """Return the trial with the signs that fit best, the best one first."""
+    few = trial.thinned(FEW_PLACES)
+    screened = [_without(own, few, 0.0, FEW_ITERATIONS) for own in signs(trial.config)]
+    best = sorted(screened, key=lambda own: own.level)[:MOST_ALIKE]
+    return sorted((_without(own.mistake, trial) for own in best), key=lambda own: own.level)
+
+
+def _likelier_sign(trial: Trial, fit: Fit) -> tuple[list[str], str]:
+    """Return words on a sign that explains small residuals better: sure ones, or doubtful ones.
+
+    Wide priors, as those of friction, leave small residuals at a wrong sign of a light joint. No
+    state is freed, so that the squared residuals of a correct configuration rise with any other.
+    """
+    tried = _other_signs(trial) if fit.level > LEAST_LEVEL else []
+    gain = fit.rows * (1.0 - tried[0].level / fit.level) if tried else 0.0
+    if gain <= DOUBTFUL_GAIN:
+        return [], ""
+    most = tried[0].level * (1.0 + DOUBTFUL_GAIN / fit.rows)
+    words = OR.join(own.text for own in tried if own.level <= most)
+    words += f" (residuals {(tried[0].level / fit.level) ** 0.5:.2f} times as large with it)"
+    return ([words], "") if gain > OFFSET_GAIN else ([], words)
 
 
 def _tried(trial: Trial, level: float, progress: Callable[[str], None]) -> tuple[int, list[_Tried]]:

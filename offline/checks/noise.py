@@ -21,6 +21,7 @@ from fsw.estimators.conditioning.polynomial import EXTRA_DEGREE
 from fsw.messages import ChannelWindow, FloatArray, IntArray, Window
 from offline.checks.comparison import Comparison
 
+EXACT_RAD = 1e-11  # noise of an angle below this is of no encoder (36 bits)
 OTHER_UNIT = 30.0  # declared noise too large by this ratio: a wrong unit gives 57 or 60
 NOISIER = 1.4  # ratio of found to declared noise above which the configuration is wrong
 CHANCE = 6.0  # over the root of the number of samples: 3 standard errors of noise by differences
@@ -240,6 +241,8 @@ def _noise_finding(channel: _Channel, noise: Noise, chance: float) -> Comparison
         words = "the readings do not change, or there are too few"
     elif channel.is_angle and not noise.moves and found < declared:
         note = "less than declared, as of a joint that hardly moves"
+    elif channel.is_angle and found < EXACT_RAD:
+        note = "without noise, as of a simulation"
     elif found < declared / OTHER_UNIT:
         unit = f"is {key} in another unit (degrees, hours)?"
         if channel.model is not None:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 import yaml
 from scipy.spatial.transform import Rotation
@@ -315,3 +316,29 @@ def test_exchanged_arguments_are_one_short_line(tmp_path):
 def test_arrays_need_a_robot():
     with pytest.raises(ConfigError, match=re.escape("Robot.from_urdf")):
         fsw.identify(arrays())
+
+
+def test_a_wrong_sign_that_wide_priors_hide_is_found(tmp_path):
+    """Friction and noise of a torque sensor are wide, and all residuals below 3 times the noise."""
+    urdf = arm_urdf(3)
+    for name, axis in (("axis1", "0 0 1"), ("axis2", "0 1 0"), ("axis3", "1 0 0")):
+        head, at, tail = urdf.partition(f'name="{name}"')
+        urdf = head + at + re.sub('axis xyz="[^"]*"', f'axis xyz="{axis}"', tail, count=1)
+    (tmp_path / "turned.urdf").write_text(urdf)
+    robot = fsw.Robot.from_urdf(tmp_path / "turned.urdf", base="clamped", **CHOICES)
+    model, t_s, rng = pin.buildModelFromXML(urdf), np.arange(2500) / 100.0, np.random.default_rng(1)
+    rate = 0.5 * np.arange(1.0, 4.0)
+    phase = rate * t_s[:, None] + np.arange(3)
+    motion = zip(np.sin(phase), rate * np.cos(phase), -(rate**2) * np.sin(phase), strict=True)
+    data = model.createData()
+    tau = np.array([pin.rnea(model, data, *own) for own in motion])
+    tau += rng.normal(0.0, 0.5, tau.shape)
+    right, wrong = (
+        fsw.check(fsw.Samples(t_s=t_s, q=np.sin(phase) * turn, tau=tau * turn), robot)
+        for turn in (np.ones(3), np.array([1.0, 1.0, -1.0]))
+    )
+    assert right.agree, right
+    assert "without noise, as of a simulation" in str(right)
+    assert "joints.2.sign (axis3): 1 should be -1" in str(wrong)
+    assert "residuals" in wrong.lines[-1], wrong
+    assert "fit (" not in wrong.lines[-1], wrong
