@@ -34,7 +34,7 @@ MOVED = 20.0  # range of a window over the noise above which a channel moves
 SHARE = 0.1  # of the largest range: a window with less rests; of all windows: fewer show little
 FEW = 3  # windows; fewer that move may be a shock
 REST = 1e-3  # range of an angle [rad or m] of a joint that is held, which sways with the others
-COLOURED = 1.5  # ratio of a polynomial's residual to the noise by differences that says more
+COLOURED = 1.4  # ratio of a polynomial's residual to the noise by differences that says more
 SHRINKS = 0.25  # ratio of the excess variance in half a window, below which it is misfit
 MISFIT = 2.0  # accepted ratio of misfit to noise, found or declared
 SHORTEST = 6  # most halvings of a window
@@ -193,9 +193,14 @@ def _chance(pieces: Sequence[Piece]) -> float:
 def difference_sigma(*pieces: Piece) -> float:
     """Return 1 sigma of white noise on pieces of a smooth motion; 0: none, or too few samples.
 
-    The larger half of all differences, with those at a spike, is left out.
+    It is the root of the mean variance of the pieces: noise may grow with the speed.
     """
-    squares = np.sort(np.concatenate([np.empty(0), *(_differences(*own) ** 2 for own in pieces)]))
+    return float(np.sqrt(np.mean([_difference_sigma(*own) ** 2 for own in pieces] or [0.0])))
+
+
+def _difference_sigma(t_ns: IntArray, x: FloatArray) -> float:
+    """Return 1 sigma on one piece, without the larger half of the differences: those at spikes."""
+    squares = np.sort(_differences(t_ns, x) ** 2)
     kept = squares[: round((1.0 - TRIMMED) * len(squares))]
     if not kept.any():  # few samples, or coarse readings of a slow motion, which seldom change
         return float(np.sqrt(squares.mean())) if len(squares) else 0.0
