@@ -6,6 +6,7 @@ import numpy as np
 
 from fsw.checks import budget
 from fsw.config import BaseConfig, BodyConfig, BusConfig, Config
+from fsw.config.feed import SAMPLES
 from fsw.config.joints import minute_walk
 from fsw.drivers.layout.joints import all_layouts, in_words
 from fsw.estimators.effects.registered import ON_BASE
@@ -105,6 +106,10 @@ def _buses(config: Config) -> list[str]:
     for bus in config.buses:
         if bus.feed is not None:
             lines += _feed(config, bus)
+            continue
+        if bus.interface == SAMPLES:
+            names = ", ".join(joint.name for joint in config.joints if joint.bus == bus.name)
+            lines.append(f"{bus.name}: samples of a recording, {bus.rate_hz:g} Hz; joints {names}")
             continue
         nodes = [
             k.name if k.node_id is None else f"0x{k.node_id:02x} {k.name}"

@@ -113,7 +113,7 @@ def read_result(path: Path) -> Mapping[str, Any]:
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
     except (ValueError, RecursionError) as error:
-        words = f"it is {kind}" if (kind := kind_of(source)) else str(error)
+        words = f"it is {kind_of(source) or 'no JSON'}"
         raise ConfigError(f"{path}: no result of fsw identify --out: {words}") from error
     if not isinstance(values, dict):
         raise ConfigError(f"{path}: no result of fsw identify --out")

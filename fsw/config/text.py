@@ -43,7 +43,9 @@ class _StrictLoader(yaml.SafeLoader):
         event: yaml.NodeEvent = self.peek_event()  # type: ignore[no-untyped-call]
         before, problem = self._nodes, ""
         self._nodes += 1
-        if isinstance(event, yaml.AliasEvent):
+        if isinstance(event, yaml.AliasEvent) and (
+            not self._aliases or event.anchor in self.anchors
+        ):
             self._nodes += self._sizes.get(event.anchor, MAX_NODES)  # alias inside its anchor
             problem = "" if self._aliases else "aliases are not allowed"
         if self._nodes > MAX_NODES:

@@ -94,3 +94,15 @@ def test_the_word_that_the_howto_waits_for_is_printed(arm, capsys):
     (word,) = re.findall(r"until it says `(\w+)`", page.read_text(encoding="utf-8"))
     assert main(["check", str(arm.write())]) == 0
     assert f": {word}, " in capsys.readouterr().out.splitlines()[-1]
+
+
+def test_a_bus_of_samples_sends_no_sync(arm):
+    arm.data["buses"] = [{"name": "arm", "interface": "samples", "rate_hz": 250.0}]
+    for joint in arm.data["joints"]:
+        joint["driver"] = "samples"
+        joint.pop("node_id")
+    config = load(arm.write())
+    (line,) = [x for x in describe(config, validate(config)[0]).splitlines() if "buses  " in x]
+    assert line.split(maxsplit=1)[1] == (
+        "arm: samples of a recording, 250 Hz; joints axis1, axis2, axis3"
+    )

@@ -101,3 +101,8 @@ def test_a_configuration_may_have_aliases():
     assert read_yaml(text, aliases=True) == {"a": {"b": 1}, "c": {"b": 1}, "d": {"b": 1, "e": 2}}
     with pytest.raises(TextError, match="line 2"):
         read_yaml(text)
+
+
+def test_an_alias_without_its_anchor_is_named():
+    with pytest.raises(TextError, match="found undefined alias 'joint'"):
+        read_yaml(b"joints:\n  - {<<: *joint, name: axis2}\n", aliases=True)
