@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from hil.world.history import TruthHistory, slope
 from hil.world.inertia import FloatArray, frame_map, pi_of, report_of, symmetric
-from hil.world.robot import Body, Link, Robot, body_of, link_of, read_links, without
+from hil.world.robot import Body, Link, Robot, body_of, link_of, read_links, with_base, without
 from hil.world.scenario import Scenario, ScenarioError
 from hil.world.springs import Panel, SloshMass, Sprung
 
@@ -173,7 +173,7 @@ def _craft(
     scenario: Scenario, base: Body, q_rad: FloatArray
 ) -> tuple[FloatArray, list[list[dict[str, Any]]]]:
     """Return the hub's pi (10,) and the chains of moving links; fixed parts are merged in."""
-    links = read_links(scenario.urdf)
+    links = with_base(read_links(scenario.urdf), base)
     held = {scenario.tool_frame: scenario.truth.get("target")}
     held |= {frame: scenario.truth[name] for name, frame in scenario.frames.items()}
     place: dict[str, tuple[str, FloatArray, FloatArray]] = {}  # link L: carrier C, R_CL, p_CL
@@ -182,7 +182,6 @@ def _craft(
     for link in links:
         R_PL = Rotation.from_quat(link.q_PL_xyzw).as_matrix()
         p_PL = np.array(link.p_PL_P_m)
-        own = link.body if link.parent is not None else base
         if link.parent is None or link.axis is not None:
             place[link.name] = link.name, np.eye(3), np.zeros(3)
             pi[link.name] = np.zeros(10)
@@ -195,8 +194,8 @@ def _craft(
         else:
             carrier, R, p = place[link.parent]
             place[link.name] = carrier, R @ R_PL, p + R @ p_PL
-        if own is not None:
-            _add(pi, place[link.name], _report(own))
+        if link.body is not None:
+            _add(pi, place[link.name], _report(link.body))
     for frame, report in held.items():
         if report is not None:
             _add(pi, place[link_of(scenario.urdf, links, frame).name], report)

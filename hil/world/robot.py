@@ -7,7 +7,7 @@ gets a free joint, every link stays a body, and a target is one more body welded
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
@@ -104,7 +104,7 @@ class Robot:
         ----------
         urdf : file whose root link is the base
         tool_frame : name of the link (or of the fixed joint) that grasps
-        base : replaces the root link's inertial data
+        base : replaces the inertial data of the root link and of what is fixed to it
         target : grasped body, in the tool frame; None: nothing is grasped
         slosh, panels : parts of the base; their coordinates follow the base's
         held : further bodies, by the frame to which each is fixed
@@ -116,7 +116,7 @@ class Robot:
         ValueError if `read_links` rejects the file, a frame is missing, no joint moves the tool
         frame, or the base has no inertial data.
         """
-        links = read_links(urdf)
+        links = with_base(read_links(urdf), base)
         arm = [link for link in links if link.axis is not None]
         tool = link_of(urdf, links, tool_frame)
         grasped = [
@@ -128,10 +128,10 @@ class Robot:
         grasping = _joints_to(links, tool)
         if not grasping:
             raise ValueError(f"{urdf}: no joint moves {tool.name!r}")
-        if base is None and links[0].body is None:
+        if links[0].body is None:
             raise ValueError(f"{urdf}: root link {links[0].name!r} has no inertial data")
         parts: tuple[Sprung, ...] = (*slosh, *panels)
-        model = _compile(links, base if base is not None else links[0].body, grasped, parts, wheels)
+        model = _compile(links, grasped, parts, wheels)
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
         first = model.body(grasping[0].name).id
@@ -208,6 +208,22 @@ def read_links(urdf: Path) -> list[Link]:
         beyond.sort(key=lambda joint: str(joint.get("name")))
         waiting[:0] = [str(_attribute(joint, "child", "link")) for joint in beyond]
     return ordered
+
+
+def with_base(links: Sequence[Link], base: Body | None) -> list[Link]:
+    """Return the links, parents first, with a body for the root and all that is fixed to it.
+
+    None: each keeps its own.
+    """
+    if base is None:
+        return list(links)
+    root, *others = links
+    own, fixed = [replace(root, body=base)], {root.name}
+    for link in others:
+        is_fixed = link.axis is None and link.parent in fixed
+        fixed |= {link.name} if is_fixed else set()
+        own.append(replace(link, body=None) if is_fixed else link)
+    return own
 
 
 def _read_link(urdf: Path, element: Element, joint: Element | None) -> Link:
@@ -320,7 +336,6 @@ def without(body: Body, parts: Sequence[Sprung], wheels: WheelSystem | None = No
 
 def _compile(
     links: list[Link],
-    base: Body | None,
     grasped: Sequence[tuple[str, str, Body]],
     parts: Sequence[Sprung],
     wheels: WheelSystem | None,
@@ -338,11 +353,9 @@ def _compile(
         x, y, z, w = link.q_PL_xyzw
         node = parent.add_body(name=link.name, pos=link.p_PL_P_m, quat=[w, x, y, z])
         bodies[link.name] = node
-        inertial = base if link.parent is None else link.body
-        if inertial is not None:
-            _set_inertia(
-                node, without(inertial, parts, wheels) if link.parent is None else inertial
-            )
+        if link.body is not None:
+            is_base = link.parent is None
+            _set_inertia(node, without(link.body, parts, wheels) if is_base else link.body)
         if link.parent is None:
             node.add_joint(
                 name="free",

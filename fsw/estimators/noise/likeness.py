@@ -196,7 +196,10 @@ def _torques(rows: Rows, block: Block, nodes: int) -> FloatArray:
     at, has = rows.at_nodes, block.has_joint
     root = np.asarray(at.root)
     sigma = np.sqrt(np.sum(root**2, axis=1))
-    for own, values in enumerate((root @ at.b, sigma)):
+    with np.errstate(invalid="ignore", over="ignore"):  # of an estimate that ran away
+        left = root @ at.b
+    left[~np.isfinite(left)] = np.inf
+    for own, values in enumerate((left, sigma)):
         found[own, :, has] = values.reshape(nodes, -1)[:, : rows.torques].T
     found[2, :, has] = block.tau_nm[:, has].T
     return found

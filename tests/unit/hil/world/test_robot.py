@@ -32,6 +32,24 @@ def test_stand_in_has_the_published_masses_and_limits() -> None:
     assert np.allclose(R[0], np.eye(3))
 
 
+def test_a_base_is_the_root_with_all_that_is_fixed_to_it(tmp_path: Path) -> None:
+    """A mast and a box on it, as `bodies.base` of the flight software has it."""
+    parts = "".join(
+        f'<link name="{name}"><inertial><mass value="{kg}"/>'
+        '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        f'<joint name="to_{name}" type="fixed"><parent link="{parent}"/><child link="{name}"/>'
+        '<origin xyz="0 0 1"/></joint>'
+        for name, parent, kg in (("mast", "{root}", 4.0), ("box", "mast", 2.0))
+    )
+    text = URDF.read_text(encoding="utf-8")
+    root = pin.buildModelFromXML(text, pin.JointModelFreeFlyer()).frames[2].name
+    path = tmp_path / "robot.urdf"
+    path.write_text(text.replace("</robot>", parts.replace("{root}", root) + "</robot>"))
+    base = Body(100.0, (0.0, 0.0, 0.1), (20.0, 0.0, 0.0, 20.0, 0.0, 20.0))
+    assert Robot.load(path, "tool").model.body_subtreemass[1] == pytest.approx(1034.3)
+    assert Robot.load(path, "tool", base).model.body_subtreemass[1] == pytest.approx(128.3)
+
+
 def test_tool_pose_agrees_with_another_engine(tmp_path: Path) -> None:
     case = random_arm(tmp_path)
     q = np.random.default_rng(1).uniform(-1.5, 1.5, (20, 3))
