@@ -158,7 +158,10 @@ class Trust:
         if besides and (of_all or _beyond(slow_power(besides, level), colour(besides))):
             self.against = "residuals that no friction explains are alike from window to window"
         elif abs(lasts) > limit and not repeats:
-            self.against = f"residuals half the data apart correlate by {lasts:.2f}"
+            self.against = (
+                f"residuals half the data apart correlate by {lasts:.2f}, limit {limit:.2f}: the "
+                "model lacks something lasting, such as an offset, a sign or a known mass"
+            )
         elif cost is not None:
             alike = cost(repeats=repeats)
             self.excess, (found, limit) = alike.excess, alike.halves
