@@ -77,7 +77,8 @@ def boot_id() -> str:
     """Return the identifier of the monotonic clock; empty if the system does not provide it.
 
     It is the kernel's boot identifier. After the machine was suspended, the time suspended is added
-    to it: the clock stood still, so a time from before tells no age.
+    to it: the clock stood still, so a time
+    from before gives no age.
     """
     try:
         boot = BOOT_ID.read_text(encoding="ascii").strip()

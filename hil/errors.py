@@ -16,7 +16,8 @@ def explained(
 ) -> int:
     """Run the action and return its exit code; print an expected error as one line.
 
-    `out` is the folder of the command's results, which continues if it has settings.
+    `out` is the folder of the command's results; if it holds settings, an interrupted command says
+    that the same command continues from it.
     """
     from fsw.errors import ConfigError, FswError, in_words
 

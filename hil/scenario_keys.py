@@ -33,11 +33,11 @@ def sections() -> dict[str, list[Key]]:
 
 
 def keys_of(part: str) -> list[Key]:
-    """Return the keys of a section, or the key, that `part` names; of the file if it is empty.
+    """Return the key that `part` names, or all keys of the section that it names; "": all keys.
 
     Raises
     ------
-    ConfigError for an unknown key.
+    ConfigError if no key or section has this name.
     """
     every = [key for own in sections().values() for key in own]
     wanted = part.replace("[]", "").split(".") if part else []

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 class Recording:
     """A recording with its later parts; messages stay on disk until a function reads them.
 
-    `notes` say what was read of the arrays that it was made of; empty: it was not.
+    `notes` say how the arrays were read from which it was made; empty: it is not from arrays.
     """
 
     def __init__(
@@ -69,7 +69,7 @@ class Recording:
         return Robot(recorded_config(self.path, folder.path), folder=folder)
 
     def texts(self, value: T) -> T:
-        """Return texts of a result with calls in the place of commands if arrays made it."""
+        """Return texts of a result; if it is from arrays, with Python calls for commands."""
         return in_calls(value, self.path) if self.notes else value
 
     def named(self) -> AbstractContextManager[None]:
@@ -216,7 +216,7 @@ def identify(
 
     Parameters
     ----------
-    recording : a recording, or `Samples`, which are made one in a temporary folder
+    recording : a recording, or `Samples`, from which one is made in a temporary folder
     robot : robot of the recording; None: the configuration inside the recording
     unknown : base, target, both, or names with commas; None: as the configuration says
     weighting : for method mrnea only; None: as the configuration says

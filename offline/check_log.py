@@ -27,7 +27,7 @@ def is_log(path: Path) -> bool:
 
 
 def lacking(config: Config) -> list[str]:
-    """Return the arguments of `fsw import` that a configuration needs beside one CAN log."""
+    """Return the arguments of `fsw import` that a configuration needs besides one CAN log."""
     lines = [own.name for own in config.sensors if own.bus is None]
     others = [f"--can {bus.name}=FILE" for bus in config.buses[1:]]
     return [*others, *(f"--serial {line}=FILE" for line in lines)]

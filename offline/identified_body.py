@@ -113,8 +113,8 @@ def read_result(path: Path) -> Mapping[str, Any]:
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
     except (ValueError, RecursionError) as error:
-        words = f"it is {kind_of(source) or 'no JSON'}"
-        raise ConfigError(f"{path}: no result of fsw identify --out: {words}") from error
+        words = f"it is {kind_of(source) or 'not JSON'}"
+        raise ConfigError(f"{path}: not a result of fsw identify --out: {words}") from error
     if not isinstance(values, dict):
-        raise ConfigError(f"{path}: no result of fsw identify --out")
+        raise ConfigError(f"{path}: not a result of fsw identify --out")
     return values

@@ -51,7 +51,7 @@ def import_arguments(commands: Commands, command: Command) -> None:
     """Add the parser of `fsw import`."""
     parser = commands.add_parser(
         "import",
-        help="what other tools have recorded becomes a recording",
+        help="make a recording from logs of other tools",
         description="Write a recording from logs of other tools; docs/import.md.",
         epilog="examples: fsw import --can arm=candump.log --serial imu=imu.csv "
         "--config robot.yaml --out recording.mcap; "

@@ -62,7 +62,7 @@ class Value:
 
 
 def triangular_root(rows: FloatArray) -> FloatArray:
-    """Return R with R^T R = rows^T rows."""
+    """Return R (p, p), upper triangular, with R^T R = rows^T rows; `rows` is (k, p), k >= p."""
     return np.asarray(np.linalg.qr(rows, mode="r"), dtype=np.float64)
 
 

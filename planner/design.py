@@ -57,14 +57,22 @@ class Grid:
         return q.T.copy(), qd.T.copy(), qdd.T.copy()
 
     def pulled_back(self, seeds: FloatArray) -> FloatArray:
-        """Return the gradient (v,) by z of a function with gradient (3 n, m) by [q; qd; qdd]."""
+        """Return a function's gradient (v,) with respect to z.
+
+        `seeds` (3 n, m) is its gradient with respect to [q; qd; qdd] at every sample.
+        """
         n = self.layout.n
         parts = [self.weights[d].T @ seeds[d * n : (d + 1) * n].T for d in range(3)]
         return np.asarray(np.sum(parts, axis=0).ravel())
 
 
 class Criterion:
-    """A criterion averaged over a set of parameter vectors, with its gradient."""
+    """A criterion averaged over a set of parameter vectors, with its gradient.
+
+    Parameters
+    ----------
+    members : parameter vectors (p,) besides the subject's own
+    """
 
     def __init__(
         self,

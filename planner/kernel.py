@@ -82,7 +82,7 @@ def build_kernel(
     known_target: FloatArray | None,
     noise: NoiseModel,
 ) -> Kernel:
-    """Build the functions for the unknown bodies; the known ones have fixed parameters."""
+    """Build the functions for the unknown bodies; the known ones have fixed parameters (10,)."""
     n, p = len(arm.axis), PARAMETERS * len(unknown)
     q, qd, qdd = (ca.SX.sym(name, n) for name in ("q", "qd", "qdd"))
     x = ca.SX.sym("x", p)

@@ -18,7 +18,7 @@ PHYSICAL = (
 
 
 def interface_fault(bus: BusConfig) -> str:
-    """Return words on an interface that nothing offers; empty: it is known, or none is given."""
+    """Return the fault of an interface that nothing offers; empty: it is known or not given."""
     plugins = {entry.name for entry in entry_points(group="can.interface")}
     known = sorted({*SIMULATED, *PHYSICAL, *plugins, SAMPLES})
     if bus.interface is None or bus.interface in known:

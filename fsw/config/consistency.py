@@ -65,7 +65,10 @@ def method_has_its_torques(method: str, joints: Sequence[JointConfig]) -> None:
 def delays_fit(
     joints: Sequence[JointConfig], buses: Sequence[BusConfig], imu: ImuConfig, window_s: float
 ) -> None:
-    """Raise ValueError for a delay in the model beyond a tenth of a window, or against no unit."""
+    """Raise ValueError for a delay in the model that is too long, or that nothing can show.
+
+    The limit is a tenth of a window. Delays of buses and of the inertial unit need joints and unit.
+    """
     for key, value in delays_of(joints, buses, imu).items():
         if abs(value) > window_s * MOST_DELAY:
             raise ValueError(

@@ -34,7 +34,7 @@ YAML = {None: "null", True: "true", False: "false"}
 
 
 def bound_words(fault: ErrorDetails) -> str:
-    """Return words on the allowed values of a faulty key."""
+    """Return the allowed values of a faulty key in words."""
     context: Mapping[str, Any] = fault.get("ctx", {})
     text = fault["msg"].removeprefix("Value error, ")
     try:

@@ -319,7 +319,7 @@ class JointConfig(Section):
             raise ValidationError.from_exception_data(error.title, faults) from error
 
     def named(self, values: Mapping[str, Any]) -> dict[str, Any]:
-        """Return values with the keys that they have in the YAML section of this joint."""
+        """Return values, keyed by field name, under this joint's YAML keys; see `linear`."""
         return {key if self.kind == "revolute" else linear(key): values[key] for key in values}
 
     @model_serializer(mode="wrap")

@@ -73,9 +73,10 @@ LEAST_WINDOWS = 5
 
 
 def for_short_recordings(data: object) -> object:
-    """Return the data of a configuration with `estimator.settle_blocks` where it is left out.
+    """Return the data of a configuration, with a smaller `settle_blocks` for an arm on a bench.
 
-    A held arm whose samples exist only in recordings never flies, and sigma counts its few windows.
+    This applies if the base is held, all samples exist only in recordings, and the key is left out:
+    such an arm never flies, and sigma allows for its few windows.
     """
     if not isinstance(data, dict):
         return data
@@ -160,7 +161,7 @@ class EstimatorConfig(Section):
 
     @property
     def is_regression(self) -> bool:
-        """Whether the method is a regression of the paper, for which arm and sensors are exact."""
+        """Whether the method is a regression of the paper: it assumes exact arm and sensors."""
         return self.method == "mrnea" and self.weighting != "eiv"
 
 

@@ -63,7 +63,12 @@ def keys(model: type[BaseModel] = Config, prefix: str = "") -> Iterator[Key]:
 
 
 def keys_of(part: str) -> list[Key]:
-    """Return the keys of a section, or the key, that `part` names. Raises ConfigError."""
+    """Return the key that `part` names, or all keys of the section that it names.
+
+    Raises
+    ------
+    ConfigError if no key or section has this name.
+    """
     wanted = part.replace("[]", "").split(".")
     found = [
         key

@@ -210,19 +210,19 @@ class TimingConfig(Section):
 
 
 class Describable(Protocol):
-    """A device that a description may give: its section's keys."""
+    """Section of a device whose CAN frames a description may define."""
 
     @property
     def driver(self) -> str:
-        """How it is read."""
+        """Name of the driver that reads it."""
 
     @property
     def bus(self) -> str | None:
-        """Name of its bus."""
+        """Name of its bus; None: it is on no bus."""
 
     @property
     def node_id(self) -> int | None:
-        """Its number as a CANopen node."""
+        """Its CANopen node number; None: it has none."""
 
     @property
     def description(self) -> Path | None:
@@ -230,15 +230,15 @@ class Describable(Protocol):
 
     @property
     def kind(self) -> str:
-        """Kind of its units, as of a joint."""
+        """Kind of joint whose units it has: `revolute` or `prismatic`."""
 
     @property
     def signals(self) -> Mapping[Role, SignalConfig] | None:
-        """What it sends, by role."""
+        """Signals that it sends, by role."""
 
     @property
     def timing(self) -> TimingConfig | None:
-        """What gives its samples their times."""
+        """How its samples get their times."""
 
 
 def has_its_keys(own: Describable, keys: Mapping[str, bool | None]) -> None:
@@ -253,15 +253,16 @@ def has_its_keys(own: Describable, keys: Mapping[str, bool | None]) -> None:
 
 
 def is_described(own: Describable, roles: Collection[Role], words: str) -> bool:
-    """Return whether a description gives a device.
+    """Return whether a description defines the frames of a device.
 
     Parameters
     ----------
-    roles, words : of its signals, besides those of status and time; what needs them
+    roles : roles of the signals that it needs, besides those of status and time
+    words : what needs them, for messages
 
     Raises
     ------
-    ValueError for a key that it must have or must not have, then or otherwise.
+    ValueError for a key that a described, or another, device must have or must not have.
     """
     found = own.driver == DESCRIBED
     has_its_keys(own, {"signals": found, "timing": found, "description": None if found else False})

@@ -88,7 +88,7 @@ KINDS = {  # kinds of files that users confuse, by a key at the left margin
 
 
 def kind_of(source: bytes) -> str:
-    """Return words on the kind of a file from its content; empty: the kind is not known."""
+    """Return the kind of a file in words, from its content; empty: the kind is not known."""
     if source.startswith(b"\x89MCAP"):
         return RECORDING
     if source.startswith(b"<"):
@@ -121,7 +121,7 @@ def read_yaml(source: bytes, *, aliases: bool = False) -> object:
     TextError when the text is not YAML, has a forbidden alias or repeated key, or is too large.
     """
     if kind_of(source) == RECORDING:
-        raise TextError("is a recording and no configuration; fsw check CONFIG RECORDING")
+        raise TextError("is a recording, not a configuration; fsw check CONFIG RECORDING")
     if len(source) > MAX_TEXT_BYTES:
         raise TextError(f"{len(source)} bytes; must be at most {MAX_TEXT_BYTES}")
     try:
@@ -146,7 +146,7 @@ def _unread(error: Exception) -> str:
 
 
 def no_sections(data: object) -> str:
-    """Return words on the values of a file that are no mapping of sections."""
+    """Return the fault of a file whose values `data` are not a mapping of sections."""
     if data is None:
         return "is empty"
     return f"must be a mapping of sections; found {type(data).__name__}"

@@ -111,7 +111,7 @@ class WheelConfig(Section):
 
     @property
     def late_s(self) -> float:
-        """By how much its readings are late [s]."""
+        """Delay of its readings [s]."""
         return self.delay_s
 
     @property

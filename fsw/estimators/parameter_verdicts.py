@@ -1,7 +1,7 @@
 """States whether data, the prior alone or nothing determines each published parameter.
 
 A light payload's mass and centre of mass can be of use while its inertia is not. So every parameter
-has its own verdict, beside the verdict on the estimate as a whole.
+has its own verdict, besides the verdict on the estimate as a whole.
 """
 
 from collections.abc import Sequence

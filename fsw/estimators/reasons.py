@@ -45,7 +45,10 @@ class Failed:
 
 
 def reasons(failed: Failed) -> tuple[str, ...]:
-    """Return every reason against an estimate, the most severe first; empty: it is valid."""
+    """Return why an estimate is not valid, the most severe reason first; empty: it is valid.
+
+    Reasons that other failed checks make meaningless are left out; see the head of the module.
+    """
     if failed.misfit:
         failed = Failed(aborted=failed.aborted, few_blocks=failed.few_blocks, mismatch=True)
     converged = not (failed.not_converged or failed.aborted)

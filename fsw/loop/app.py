@@ -161,12 +161,14 @@ def drive(
     duties: Sequence[tuple[int, Callable[[], object]]],
     ended: Callable[[], bool],
 ) -> None:
-    """Run ticks until the end; do each duty once per its number of ticks, also after slips.
+    """Run ticks, and the duties that come due, until `ended`.
 
     Parameters
     ----------
     turn : runs one tick and returns the tick's index on the grid
-    duties : number of ticks and action of each
+    duties : period [ticks] and action of each; slipped ticks count too, but a duty runs at most
+        once per tick run
+    ended : returns True after the last tick
     """
     index = 0
     while not ended():

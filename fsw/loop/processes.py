@@ -266,9 +266,9 @@ class Processes:
         self._told_lost = lost
 
     def settle(self, seconds: int, report: Callable[[], None]) -> None:
-        """Let the estimation process its remaining traffic and end; kill it after `seconds`.
+        """Wait until the estimation has processed its traffic and ended; kill it after `seconds`.
 
-        `report` is called each second, so that nobody takes the loop for dead.
+        `report` is called each second, so that nobody believes that the loop has died.
         """
         self._to_estimation.close()
         if self.estimation.gave_up:

@@ -22,7 +22,7 @@ OTHERS = 0o007  # permissions of those who are neither owner nor in the group
 
 
 class StateGuard:
-    """Takes the lock again when its file was removed, and says what the service cannot say.
+    """Locks the directory again if the lock's file was removed; writes what the service cannot.
 
     Parameters
     ----------

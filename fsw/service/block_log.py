@@ -10,7 +10,7 @@ Report = Callable[[str, str, str], None]  # severity, code, text
 
 
 class BlockLog:
-    """Stores blocks for batch jobs; the next block tries again what has failed.
+    """Stores blocks for batch jobs; after a failure, the next block is tried again.
 
     Parameters
     ----------

@@ -3,7 +3,7 @@
 Layout: 4096 bytes of header (JSON: name, type and largest shape of the fields of a row), then a
 ring of fixed-size rows. Each row begins with its 1-based position in the stream; 0: not written.
 The room of an array is the largest shape for this number of joints and nodes, whatever noise is
-configured; the actual shape is stored beside it.
+configured; the actual shape is stored with it.
 """
 
 import json

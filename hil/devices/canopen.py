@@ -72,12 +72,12 @@ class FieldScale:
         self._range_nm = torque_range_nm
 
     def readings(self, measured: NDArray[np.float64]) -> list[list[Reading]]:
-        """Return per latch a reading of every node; values beyond a field saturate.
+        """Return for each latch a reading of every node; values beyond a field saturate.
 
         Parameters
         ----------
-        measured : (4, k, n) position [rad], velocity [rad/s], torque [N m], motor torque [of rated]
-            at k latches, in the node's own sign and zero
+        measured : (4, k, n) position [rad], velocity [rad/s], torque [N m], and motor torque as a
+            share of the rated torque, at k latches, in sign and zero of the node
         """
         fields = np.rint(measured * self._scale)
         np.minimum(np.maximum(fields, self._bottom, out=fields), self._top, out=fields)

@@ -216,8 +216,8 @@ def serve(
 ) -> None:
     """Answer and transmit until `stopping()`; hang up the first terminal if `hang_ups` is set.
 
-    Serial bytes are discarded until the first SYNC, the first datagram of a feed that is received,
-    or `heard`, which says so of drives that wait for no SYNC: before, the host does not read.
+    Serial bytes are discarded until the host reads. It does from the first SYNC on, from the first
+    received datagram of a feed, or, where drives wait for no SYNC, once `heard` is not empty.
     """
     by_device: dict[str, PtyEnd | FeedEnd] = {feed.device: feed for feed in feeds}
     by_device |= {pty.device: pty for pty in ptys}

@@ -24,17 +24,17 @@ Change = Callable[[float, int], float]  # maps value and time [ns] to the new va
 
 
 def scaled(ratio: float) -> Change:
-    """Return the change to value times ratio."""
+    """Return the change that multiplies a value by `ratio`."""
     return lambda value, _t_ns: value * ratio
 
 
 def shifted(offset: float) -> Change:
-    """Return the change to value plus offset."""
+    """Return the change that adds `offset`, in the value's unit."""
     return lambda value, _t_ns: value + offset
 
 
 def drifting(rate_per_s: float, since_ns: int) -> Change:
-    """Return the change to value plus the drift since `since_ns`."""
+    """Return the change that adds a drift, which was zero at `since_ns`."""
     return lambda value, t_ns: value + rate_per_s * (t_ns - since_ns) * 1e-9
 
 

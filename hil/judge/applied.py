@@ -1,8 +1,8 @@
-"""What moves the base beside the arm in a run, and what the flight software cannot know of it.
+"""What moves the base besides the arm in a run, and what the flight software cannot know of it.
 
 Wheels and thrusters exchange momentum with the base. Each has an error of its declaration (the
 inertia of a wheel, the force of a jet), whose share of wrench and momentum is known but for one
-number. The delay of a jet's force, which moves a known impulse by milliseconds, is taken as known.
+number. The delay of a jet's force, which moves a known impulse by milliseconds, counts as known.
 """
 
 from collections.abc import Iterator
@@ -27,11 +27,11 @@ class Applied(NamedTuple):
 
 
 class Doubt(NamedTuple):
-    """One number that is not known of it: its sigma and its share of the k instants."""
+    """One unknown error of a wheel or jet, and what it adds at k instants, in base axes."""
 
-    sigma: float
-    wrench: FloatArray  # (k, 6) [N, N m] per unit
-    momentum: FloatArray  # (k, 6) [N s, N m s] per unit
+    sigma: float  # of the relative error
+    wrench: FloatArray  # (k, 6) [N, N m] for a relative error of 1
+    momentum: FloatArray  # (k, 6) [N s, N m s] likewise
 
 
 NOTHING = Applied()
@@ -53,7 +53,7 @@ def applied_in(robot: FloatingRobot, x: FloatArray, state: TruthState) -> list[A
 
 
 def of_wheels(wheels: WheelSystem, history: TruthHistory, state: TruthState) -> Iterator[Doubt]:
-    """Give the doubt of each wheel's inertia, relative."""
+    """Yield the doubt of each wheel's inertia."""
     if history.wheel_rad_s is None or history.wheel_rad_s2 is None:
         return
     for k, (axis, inertia) in enumerate(zip(wheels.axes.T, wheels.inertias_kg_m2, strict=True)):
@@ -69,7 +69,7 @@ def of_wheels(wheels: WheelSystem, history: TruthHistory, state: TruthState) -> 
 def of_thrusters(
     thrusters: ThrusterSystem, history: TruthHistory, state: TruthState
 ) -> Iterator[Doubt]:
-    """Give the doubt of the force of all jets together, and of each, relative."""
+    """Yield the doubt of the force of all jets together, then that of each jet."""
     sigma = thrusters.force_sigma_ratio * np.sqrt(0.5)
     times = np.arange(history.start_s, history.end_s, FINE_S)
     fine = history.at(times)

@@ -15,7 +15,7 @@ a the classical acceleration of the base origin. Total derivatives (w depends on
 The derivatives by q, qd and qdd, and by the angular momentum, follow in the same way: the direct
 derivatives of generalised force and of the momentum H nu stand in place of Y and of Y(q, 0, nu).
 
-What moves the base beside the arm (wheels, thrusters, a rate at the start) enters by the wrench on
+What moves the base besides the arm (wheels, thrusters, a rate at the start) enters by the wrench on
 the base and the momentum that it causes, both from the truth; what is not known of them is a state
 with a prior (see `applied`).
 

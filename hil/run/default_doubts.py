@@ -16,7 +16,8 @@ def write_with_doubts(scenario: Scenario, seed: int, folder: Path) -> Path:
     """Write a configuration that declares nothing exact, and its robot; return its path.
 
     Links, gains and zeros of joints and the mounting of the inertial unit have the default doubts
-    of the flight software. Priors and errors of declared effects are drawn as in a run without it.
+    of the flight software. Priors and errors of declared effects are drawn as in a run without
+    these doubts.
 
     Raises
     ------

@@ -35,7 +35,7 @@ class LiveError(RuntimeError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """Output of the processes."""
+    """Results of a run in real time: recordings and last messages of the daemon, plant's times."""
 
     recordings: tuple[Path, ...]  # the files of this run, oldest first
     final: Mapping[str, Any]  # the last /estimate message
@@ -278,7 +278,7 @@ def _watch(
 
 
 def trouble(status: Mapping[str, Any] | None, now_ns: int) -> str:
-    """Return why the newest status says nothing of the run, or nothing is recorded; empty: well."""
+    """Return what is wrong: no new status, or nothing is recorded; empty: all is well."""
     if status is None:
         return ""
     if now_ns - int(status["t_ns"]) > STALE_NS:

@@ -101,7 +101,7 @@ def _others(config: Config) -> list[WheelConfig | ThrusterConfig]:
 
 
 def _wires(config: Config) -> str:
-    """Return what the bench has not: several feeds, feeds beside CAN, several kinds on a bus."""
+    """Return what the bench cannot do: several feeds, feeds and CAN, several kinds on a bus."""
     drivers = {joint.driver for joint in config.joints}
     if "samples" in drivers and (len(config.buses) > 1 or len(drivers) > 1):
         return "joints: on a feed, and buses beside it; the bench has one feed and no CAN then"

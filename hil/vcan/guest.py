@@ -77,7 +77,7 @@ def serve_first(known: set[str]) -> None:
 
     Parameters
     ----------
-    known : numbers of processes that were looked at before; extended
+    known : numbers of processes that were checked before; extended
     """
     for name in os.listdir("/proc"):
         if not name.isdecimal() or name in known:

@@ -16,7 +16,7 @@ OPTIONS = ("-O2", "-shared", "-fPIC")
 
 
 def are_too_large(processors: Path = PROCESSORS) -> bool:
-    """Tell whether the processor has registers that Debian's User-Mode Linux does not know."""
+    """Return whether the processor has registers that Debian's User-Mode Linux does not know."""
     return FLAG in processors.read_text(encoding="ascii", errors="replace").split()
 
 

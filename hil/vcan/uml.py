@@ -296,7 +296,7 @@ def preferred(*, wanted: bool) -> Iterator[bool]:
 
 
 def is_equal(pid: int) -> bool:
-    """Tell whether a process still has the priority of the guest's kernel."""
+    """Return whether a process still has the priority of the guest's kernel."""
     return (
         os.sched_getscheduler(pid) == os.SCHED_FIFO
         and os.sched_getparam(pid).sched_priority == PRIORITY
@@ -304,7 +304,7 @@ def is_equal(pid: int) -> bool:
 
 
 def prefer(pid: int) -> None:
-    """Take a process out of SCHED_FIFO, before all ordinary ones; else lower its priority."""
+    """Make a process the first of the ordinary ones, not SCHED_FIFO; else lower its priority."""
     try:
         os.setpriority(os.PRIO_PROCESS, pid, NICE)
         os.sched_setscheduler(pid, os.SCHED_OTHER, os.sched_param(0))

@@ -95,7 +95,7 @@ class TruthHistory:
 
         Raises
         ------
-        ValueError for a history with a field.
+        ValueError for a history with a gravity field.
         """
         if self.field is not None:
             raise ValueError("a history with a field cannot be written")

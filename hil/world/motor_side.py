@@ -1,4 +1,4 @@
-"""What a torque from motor current holds beside the link's: rotor inertia, ripple of gears."""
+"""What a torque from motor current holds besides the link's: rotor inertia, ripple of gears."""
 
 from __future__ import annotations
 
@@ -18,7 +18,10 @@ class MotorSide:
     ripple_periods: FloatArray  # (r,) in a turn of the joint
 
     def torque_nm(self, q: FloatArray, qdd: FloatArray) -> FloatArray:
-        """Return the torque [N m] beside the link's at joint angles and accelerations (..., n)."""
+        """Return the torque [N m] in addition to the link's.
+
+        `q` [rad], `qdd` [rad/s^2] and the result are (..., n).
+        """
         torque = self.rotor_inertia_kg_m2 * qdd
         for sine, cosine, periods in zip(*self.ripple_nm, self.ripple_periods, strict=True):
             torque = torque + sine * np.sin(periods * q) + cosine * np.cos(periods * q)

@@ -293,7 +293,7 @@ def report_from(entry: Mapping[str, Any]) -> FloatArray:
 
 
 def mapping_from(report: FloatArray) -> dict[str, Any]:
-    """Return mass_kg, com_m, inertia_kg_m2 of a report; inverse of `report_from`."""
+    """Return mass_kg, com_m, inertia_kg_m2 of a report (10,); inverse of `report_from`."""
     values = [float(x) for x in report]
     return {"mass_kg": values[0], "com_m": values[1:4], "inertia_kg_m2": values[4:]}
 

@@ -157,7 +157,7 @@ class ImuSensorConfig:
     noise_correlation_s: float = 0.0  # of both; correlation falls by e in this time; 0: white
     gyro_bias_walk_rad_s_sqrt_s: float = 0.0  # rate random walk
     acc_bias_walk_m_s2_sqrt_s: float = 0.0
-    gyro_bias_S_rad_s: Vector3 = (0.0, 0.0, 0.0)  # beside the drawn bias
+    gyro_bias_S_rad_s: Vector3 = (0.0, 0.0, 0.0)  # added to the drawn bias
     acc_bias_S_m_s2: Vector3 = (0.0, 0.0, 0.0)  # likewise
     gyro_matrix: tuple[Vector3, Vector3, Vector3] = EYE  # the rate of a reading without bias
     rate_hz: int = 500

@@ -79,7 +79,7 @@ class Steps(_Kind):
 
 
 class Chatter(_Kind):
-    """A controller that chatters: every joint swings beside its motion."""
+    """A controller that chatters: every joint swings about its planned motion."""
 
     kind: Literal["chatter"] = "chatter"
     size_rad: Positive = 1e-4

@@ -22,8 +22,8 @@ class Jet:
     @property
     def unit(self) -> FloatArray:
         """Return the direction (3,) with length 1."""
-        way = np.array(self.direction, dtype=np.float64)
-        return np.asarray(way / np.linalg.norm(way))
+        direction = np.array(self.direction, dtype=np.float64)
+        return np.asarray(direction / np.linalg.norm(direction))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -53,7 +53,7 @@ def _flow(master: int, fd: int, read: Callable[[], int], seconds: float) -> Flow
 
 
 def by_port(seconds: float) -> Flow:
-    """Read through the serial port of the loop."""
+    """Send bytes for `seconds`, read them through the loop's serial port, and measure."""
     master, slave = os.openpty()
     tty.setraw(slave)
     port = open_serial(os.ttyname(slave), BAUD, MonotonicClock())

@@ -21,7 +21,7 @@ DELAY_KEYS = {"gyro": "gyro_group_delay_s", "accelerometer": "acc_group_delay_s"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figure:
-    """One found value less the configured one; biases in S of the unit, mounting in B."""
+    """One found value minus the configured one; biases in S of the unit, mounting in B."""
 
     kind: str  # a group of states, or delay
     which: str  # joint, axis or sensor
@@ -55,7 +55,7 @@ class Figure:
 
 
 def stated(sigma: float) -> float:
-    """Return a configured sigma; inf for 0, which states nothing on the error."""
+    """Return a configured sigma; inf for 0, which says nothing about the error."""
     return sigma if sigma > 0.0 else inf
 
 

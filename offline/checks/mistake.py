@@ -15,9 +15,12 @@ NEAR_PERIOD = 0.15  # of a period: a shift that close to it is one
 class Mistake:
     """A possible mistake; `change` returns a trial as it would be without the mistake.
 
-    `sizes`: the first values tried of a size that is to be found, and that `change` takes: a shift
-    [s], or the decimal logarithm of a factor; empty: the mistake has no size. `{size}` in the text
-    stands for it. `periods_s`: periods by what has them; a shift by one of them has another cause.
+    Attributes
+    ----------
+    text : names key and cure; `{size}` stands for the size
+    change : returns the trial without the mistake; arguments: the trial, and the size if it has one
+    sizes : first sizes to try: shifts [s], or decimal logarithms of a factor; empty: it has no size
+    periods_s : periods by name; a shift of one period gets a hint at another cause
     """
 
     text: str

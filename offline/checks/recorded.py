@@ -16,10 +16,10 @@ from offline.checks.trial import joined, unwrapped
 
 RATE_TOLERANCE, RATE_SIGMAS = 0.02, 4.0
 DOUBLED = 1.5  # ratio of received to declared rate that the ends of a recording do not explain
-OTHER_RATIO = 10.0  # the same beside a declared rate that is wrong too
+OTHER_RATIO = 10.0  # the same if the declared rate is wrong too
 UNIT_RATIO = 1.3  # of a ratio of rates to a power of 1000 that shows another unit of time
 BEYOND = 0.05  # accepted share of samples of a source that are out of range
-JOINTS, IMU = "joints", "imu"  # sources of the status, beside the buses
+JOINTS, IMU = "joints", "imu"  # sources of the status, besides the buses
 LIMITS = {  # keys of a joint's limits, and other units of readings, by its kind
     "revolute": ("torque_limit_nm, speed_limit_rad_s", "mN m, degrees"),
     "prismatic": ("force_limit_n, speed_limit_m_s", "mN, mm"),
@@ -210,7 +210,7 @@ def poses_count(windows: Sequence[Window]) -> int:
 
 
 def rate_words(key: str, declared_hz: float, found_hz: float) -> str:
-    """Return words on stamps in another unit than declared; empty: the rates do not show one."""
+    """Return what to correct if the rates show stamps in a wrong unit; empty: they do not."""
     ratio = found_hz / declared_hz if found_hz > 0.0 else 1.0
     for power in (1, 2, 3):
         thousands = 1000**power

@@ -1,4 +1,4 @@
-"""Recorded samples beside a configuration, both of which can be changed, and how well they fit.
+"""Recorded samples and a configuration, both of which can be changed, and how well they fit.
 
 A change acts on the samples as a source delivers them, before they are cut into windows, or on the
 configuration. Windows, blocks and problem are made again, so that every change has the effect that

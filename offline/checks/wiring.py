@@ -78,7 +78,7 @@ class Wires(NullSink):
         return found
 
     def findings(self) -> list[str]:
-        """Return a line for each signal whose bits are read in a wrong way, or that is another."""
+        """Return a line for each signal that is read in a wrong way, or is another quantity."""
         return [
             f"joints.{k}.signals.{text}"
             for bus in self._config.buses

@@ -1,4 +1,4 @@
-"""Judge the clock of imported data: order of its stamps, and their rate beside the declared one."""
+"""Judge the clock of imported data: order of its stamps, and their rate by the declared one."""
 
 from collections.abc import Mapping
 from pathlib import Path

@@ -102,7 +102,7 @@ def numbers(path: Path, name: str, cells: Sequence[str], lines: Sequence[int]) -
 
     Raises
     ------
-    ConfigError for a cell that is no number, or for decimal commas beside decimal points.
+    ConfigError for a cell that is not a number, or for both decimal commas and decimal points.
     """
     try:
         return np.array(cells, np.float64)
@@ -129,7 +129,7 @@ def numbers(path: Path, name: str, cells: Sequence[str], lines: Sequence[int]) -
 
 
 def _addition(cell: str) -> str:
-    """Return words on what stands in a cell beside the digits of a number."""
+    """Return in words what a cell contains besides the digits of a number."""
     if _THOUSANDS.fullmatch(cell):
         return ", without a thousands separator"
     return ", without a unit; the mapping has it" if _WITH_UNIT.fullmatch(cell) else ""

@@ -115,7 +115,7 @@ class Attitude(Quantity):
 
 
 class Source(Section):
-    """Common keys of a sensor; None: file of the command line, time of the whole mapping."""
+    """Keys that every sensor has; None: file of the command line, time of the whole mapping."""
 
     file: Annotated[tuple[Path, ...] | None, BeforeValidator(_listed)] = None  # one, or its parts
     time: TimeColumn | None = None
@@ -134,7 +134,7 @@ class Joints(Source):
 
 
 class Imu(Source):
-    """The inertial unit."""
+    """Columns of the inertial unit."""
 
     rate: Rates
     specific_force: Forces | None = None
@@ -172,13 +172,13 @@ class WrenchSensors(Source):
 
 
 class StarTracker(Source):
-    """The star tracker."""
+    """Columns of the star tracker."""
 
     quaternion: Attitude
 
 
 class Mapping(Section):
-    """A mapping file."""
+    """Content of a mapping file: sections of the sensors, and their common time."""
 
     time: TimeColumn | None = None
     joints: Joints | None = None

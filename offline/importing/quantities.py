@@ -44,7 +44,7 @@ class Section(Protocol):
     """The tables of one section of a mapping."""
 
     def table(self, file: Path | None) -> Parts:
-        """Return the table of a quantity; None: that of the section."""
+        """Return the table in `file`; None: the table of the section."""
         ...
 
     @property

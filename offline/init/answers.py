@@ -17,8 +17,8 @@ T = TypeVar("T")
 class Ask:
     """Returns the value of a flag, or asks for it if stdin is a terminal.
 
-    Where stdin is no terminal, a flag that is missing is noted in `missing`, and its default or
-    stand-in is returned, so that all that are missing are found.
+    Without a terminal, a missing flag is added to `missing`, and its default or stand-in is
+    returned, so that one message can name all missing flags.
     """
 
     def __init__(self, arguments: argparse.Namespace) -> None:

@@ -55,7 +55,7 @@ FAST_RAD_S = 15.0  # larger rates of a base are degrees a second
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wires:
-    """Lines of a configuration that read the joints from devices, which something describes."""
+    """Lines of a configuration for joints on devices whose frames a description defines."""
 
     name: str  # of the bus
     bus: Sequence[str]  # its other lines
@@ -64,7 +64,7 @@ class Wires:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Recorded:
-    """What a recording holds, or a description of the devices."""
+    """What a recording, or a description of the devices, shows of the robot."""
 
     rate_hz: float  # of the joints
     imu_rate_hz: float = 0.0  # 0: no inertial unit
@@ -86,7 +86,7 @@ class Recorded:
 
 
 def recorded(path: Path, model: RobotModel) -> Recorded:
-    """Return what a table (CSV, .npz, bag) or CAN log says of the joints of a robot.
+    """Return what a table (CSV, .npz, bag) or CAN log says about the joints of a robot.
 
     Raises
     ------

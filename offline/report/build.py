@@ -19,7 +19,7 @@ def sections_of(collected: Collected) -> list[Section]:
 
 
 def valid_words(collected: Collected) -> str:
-    """Return the headline of a valid estimate, which names channels that are wider than noise."""
+    """Return the headline of a valid estimate; it names channels with too large residuals."""
     wide = () if collected.residuals is None else collected.residuals.wide()
     return f"VALID, with residuals wider than declared: {', '.join(wide)}" if wide else "VALID"
 

@@ -26,7 +26,7 @@ class Matcher(Protocol):
 
 
 def find_sync(data: bytearray, sync: bytes, start: int) -> int:
-    """Return the place of the next sync bytes, or of their first ones at the end of the data."""
+    """Return the place of the next sync bytes, or of their beginning at the end of the data."""
     at = data.find(sync, start)
     if at >= 0:
         return at
@@ -41,7 +41,7 @@ class FixedMatcher:
         self._sync, self._length, self._is_intact = sync, length, is_intact
 
     def search(self, data: bytearray, start: int) -> int:
-        """Return the place of the next sync bytes."""
+        """Return the place of the next sync bytes, or of their beginning at the end of the data."""
         return find_sync(data, self._sync, start)
 
     def match(self, data: bytearray, start: int) -> int:
@@ -131,11 +131,12 @@ class Framer:
         return frames
 
     def peek(self, chunks: Sequence[ByteChunk]) -> tuple[int, int]:
-        """Return how many of the next chunks may consist of frames as long as the last one.
+        """Return how many of the next chunks could be whole frames, as long as the last frame.
 
         Returns
         -------
-        count : leading chunks with the length of whole frames; 0 if a frame or junk is pending
+        count : number of leading chunks whose length is a multiple of that length; 0 if a frame or
+            junk is pending
         length : length of the last frame [bytes]
         """
         length = self._last_length

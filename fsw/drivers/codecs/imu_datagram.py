@@ -49,8 +49,9 @@ class ImuRun:
 class ImuCodec(Protocol):
     """A stream codec of an inertial unit whose datagrams carry the unit's own time.
 
-    A codec inherits what it does not state. The parameters of `__init__` are its options: those
-    named as a key of the section `imu` get this key's value, others are keys of `imu.options`.
+    A codec that derives from this class needs to define only what differs. The parameters of
+    `__init__` are its options: those named as a key of the section `imu` get this key's value,
+    others are keys of `imu.options`.
     """
 
     title: ClassVar[str]  # the device, in a few words
@@ -69,11 +70,11 @@ class ImuCodec(Protocol):
         ...
 
     def lacks(self) -> str:
-        """Return words on the data that no frame has had so far; empty: none is missing."""
+        """Return in words which data no frame has had so far; empty: none is missing."""
         return ""
 
     def run(self, chunks: Sequence[ByteChunk]) -> ImuRun | None:  # noqa: ARG002
-        """Decode leading chunks of usable datagrams without feeding them; None if none."""
+        """Decode leading chunks of usable datagrams without feeding them; None: there are none."""
         return None
 
 

@@ -108,7 +108,7 @@ class MipCodec(ImuCodec):
         self._fields: set[int] = set()  # descriptors of all fields in sensor data
 
     def lacks(self) -> str:
-        """Return words on the fields that no packet has had so far; empty: none is missing."""
+        """Return in words which fields no packet has had so far; empty: none is missing."""
         if not self._sets:
             return ""
         if SET_SENSOR_DATA not in self._sets:

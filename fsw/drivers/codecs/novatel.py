@@ -1,4 +1,4 @@
-"""NovAtel SPAN receivers: raw data of the inertial unit beside them, little-endian.
+"""NovAtel SPAN receivers: raw data of the inertial unit connected to them, little-endian.
 
 Logs RAWIMU (268), RAWIMUS (325), RAWIMUX (1461), RAWIMUSX (1462), after a long header
 (`AA 44 12`, its own length) or a short one (`AA 44 13`, 12 bytes), then CRC-32 (reflected
@@ -86,7 +86,7 @@ class NovatelMatcher:
         return find_sync(data, SYNC, start)
 
     def match(self, data: bytearray, start: int) -> int:
-        """Return the length of the log at `start`; 0 if it is incomplete, -1 if none."""
+        """Return the length of the log at `start`; 0 if it is incomplete, -1 if none is there."""
         size = len(data) - start
         if size >= 3 and bytes(data[start : start + 3]) not in (LONG, SHORT):
             return -1
@@ -132,7 +132,7 @@ class NovatelCodec(ImuCodec):
         self._unscaled: int | None = None
 
     def lacks(self) -> str:
-        """Return words on logs or scales that are missing; empty: none is missing."""
+        """Return in words which logs or scales are missing; empty: none is missing."""
         if self._logs and not self._logs & _BODIES.keys():
             found = ", ".join(map(str, sorted(self._logs)))
             return f"no raw inertial data (268, 325, 1461, 1462), found logs {found}"

@@ -1,10 +1,10 @@
 """VectorNav binary output, little-endian.
 
 `FA | groups | U16 field mask of each group | fields of each group | CRC-16`, the check value
-(polynomial 0x1021, start 0) big-endian, over all after FA; over itself too it is 0. The masks fix
-the length. Read are time since start-up, rate and acceleration; uncompensated ones are preferred,
-because the unit's own filter changes the others, and increments with their own interval replace
-missing ones.
+(polynomial 0x1021, start 0) big-endian, over all after FA; computed over itself too, it is 0. The
+masks fix the length. The codec reads time since start-up, rate and acceleration. It prefers
+uncompensated values, because the unit's own filter changes the others; increments with their own
+interval replace missing ones.
 
 Source: VN-100 manual UM001 section 4.3 and vnproglib 1.1.5 (`Packet::BinaryGroupLengths`).
 """
@@ -111,7 +111,7 @@ class VectorNavCodec(ImuCodec):
         self._seen: set[Place] = set()
 
     def lacks(self) -> str:
-        """Return words on the fields that no packet has had so far; empty: none is missing."""
+        """Return in words which fields no packet has had so far; empty: none is missing."""
         wanted = {
             "time since start-up (group 1 bit 0)": _TIMES,
             "rate (group 1 bit 5)": (*_RATES, *_ANGLES),

@@ -2,9 +2,9 @@
 
 `FA FF 36 | length | items | check byte`; a length of FF is followed by the length as U16, and the
 sum of all bytes after FA is 0 modulo 256. An item is its identifier (U16; the lowest two bits are
-the number format), its length (U8) and its data. Read are the fine sample time (0x1060), rate of
-turn (0x8020), acceleration (0x4020), and in their place the increments of rotation (0x8030) and
-velocity (0x4010).
+the number format), its length (U8) and its data. The codec reads the fine sample time (0x1060),
+rate of turn (0x8020) and acceleration (0x4020), or instead of these two the increments of rotation
+(0x8030) and velocity (0x4010).
 
 Source: Xsens MT low-level communication protocol, as in github.com/ethz-asl/ethzasl_xsens_driver.
 """
@@ -123,7 +123,7 @@ class XsensCodec(ImuCodec):
         self._seen: set[int] = set()
 
     def lacks(self) -> str:
-        """Return words on the items that no message has had so far; empty: none is missing."""
+        """Return in words which items no message has had so far; empty: none is missing."""
         wanted = {
             "fine sample time (0x1060)": {SAMPLE_TIME_FINE},
             "rate of turn (0x8020) or its increment (0x8030)": {RATE, DELTA_Q},

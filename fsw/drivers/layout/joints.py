@@ -73,8 +73,8 @@ class Layout:
 
     uses: tuple[Use, ...]
     timing: TimingConfig
-    mask: int = 0  # bits of the status that are looked at
-    value: int = 0  # what they must be
+    mask: int = 0  # bits of the status that are checked
+    value: int = 0  # value that they must have
 
     def use(self, role: int) -> Use | None:
         """Return the signal of a role; None: the device has none."""
@@ -82,15 +82,15 @@ class Layout:
 
     @property
     def messages(self) -> tuple[Message, ...]:
-        """Messages of which a sample consists; the first has the position and counts as its time.
+        """Messages of which a sample consists, each once.
 
-        Each message is there once.
+        The first has the position, and its time counts as that of the sample.
         """
         return tuple({use.message.word: use.message for use in self.uses}.values())
 
     @property
     def parts(self) -> tuple[Part, ...]:
-        """Kinds of frames of which a sample consists; the first counts as its time."""
+        """Kinds of frames of which a sample consists; the time of the first is the sample's."""
         return tuple(part for own in self.messages for part in _parts_of(own, self.uses))
 
 

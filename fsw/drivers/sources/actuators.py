@@ -35,9 +35,9 @@ class Reports:
 
     Parameters
     ----------
-    line : what a silent device is, and one whose reports are missing
-    refused : what reports with a bad status or value are; empty: neither rejected nor lost ones are
-        findings
+    line : faults of a silent device, of lost reports, and so on
+    refused : fault of a report, by the reason for its rejection; empty: neither rejected nor lost
+        reports are findings
     """
 
     def __init__(

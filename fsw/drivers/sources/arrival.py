@@ -70,9 +70,9 @@ class ArrivalTracker:
         return arrival
 
     def finish_whole(self) -> list[Arrival]:
-        """Return the arrivals of the open chunk, which are final, and begin with none.
+        """Return the arrivals of the open chunk, which are final now, and forget them.
 
-        Call it for a frame that is wholly in a later chunk.
+        Call this for a frame that is wholly in a later chunk.
         """
         done, self._open = self._open, []
         return done

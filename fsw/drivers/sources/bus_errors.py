@@ -63,7 +63,7 @@ class BusErrors:
 
 
 class BusReports:
-    """What a source reports of its bus beside samples: events and counters."""
+    """What a source reports about its bus besides samples: events and counters."""
 
     def __init__(self, bus: str) -> None:
         self._bus, self._errors = bus, BusErrors()

@@ -82,18 +82,19 @@ class ClockModel:
     def follow(
         self, n: IntArray, t_ns: IntArray, rest_ns: FloatArray, known: IntArray
     ) -> FloatArray:
-        """Record k items in order; return the model's host times of m items.
+        """Observe the arrivals of the first k of m items; return the host times of all m.
 
         The result is that of `observe` and `predict_ns` called item by item.
 
         Parameters
         ----------
-        n : (m,) device times [ticks]; the first k items arrived by t_ns + rest_ns, (k,) [ns]
-        known : (m,) how many of the k observations the model may use for each host time
+        n : (m,) device times [ticks]
+        t_ns, rest_ns : (k,) item i arrived by host time t_ns[i] + rest_ns[i] [ns]
+        known : (m,) number of observations that are made before each host time is computed
 
         Returns
         -------
-        (m,) host times less `reference_ns` [ns]
+        (m,) host times minus `reference_ns` [ns]
         """
         count = len(t_ns)
         x = (n - self._n0) * self._tick_s

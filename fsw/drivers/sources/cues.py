@@ -44,7 +44,7 @@ class Cues:
         return np.where(at >= 0, self.count - len(self._stamps_ns) + at, REFUSED)
 
     def stamps_ns(self, number: IntArray) -> IntArray:
-        """Return the stamps of cues by number (k,); 0: of none, or of one that is forgotten."""
+        """Return the stamps of cues by number (k,); 0: no such cue, or it is no longer stored."""
         if not self._stamps_ns.size:
             return np.zeros(len(number), np.int64)
         at = number - (self.count - len(self._stamps_ns))
@@ -57,7 +57,7 @@ class Cues:
 
 
 class ByTime:
-    """Samples that hold the time of day, on the clock that the TIME object tells.
+    """Samples that hold the time of day, on the clock that the TIME object gives.
 
     A line under the arrivals of TIME gives its clock. A time of day is cut off at its step, so half
     of it is added.

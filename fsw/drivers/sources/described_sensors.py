@@ -71,8 +71,8 @@ def _is_fine(config: ImuConfig, layout: Layout) -> bool:
 class SensorBusSource:
     """The inertial unit or the star tracker of one bus.
 
-    A sample is timed as a described joint's is, and calibrated as one of a feed. `is_screened`:
-    equal readings in a row show that the unit is stuck.
+    Samples are timed like those of a described joint, and calibrated like those of a feed.
+    `is_screened`: whether equal readings in a row show that the device is stuck.
     """
 
     def __init__(
@@ -93,7 +93,7 @@ class SensorBusSource:
 
     @property
     def counters(self) -> dict[str, int]:
-        """Counters of samples."""
+        """Counts of accepted and rejected samples, by name."""
         return self._reports.counts[0].as_dict()
 
     def findings(self) -> list[Finding]:

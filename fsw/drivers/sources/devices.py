@@ -18,7 +18,7 @@ OtherSource = WheelBusSource | ThrusterBusSource | SensorBusSource
 
 
 def other_sources(config: Config, bus: BusConfig) -> list[OtherSource]:
-    """Return the sources besides the joints', in the order in which they take frames of the bus."""
+    """Return the sources besides the joints', in the order in which they receive frames."""
     found: list[OtherSource] = []
     if wheels := [(i, own) for i, own in enumerate(config.wheels) if own.bus == bus.name]:
         found.append(WheelBusSource(bus, wheels, layouts_of(config, bus, "wheels")))

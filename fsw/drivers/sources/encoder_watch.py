@@ -54,12 +54,13 @@ class EncoderWatch:
         return self._t_ns, self._position, self._rate
 
     def follow(self, t_ns: int, position_rad: float, rate: float, count: int, equal: int) -> None:
-        """Accept `count` samples without a fault by the values at their end.
+        """Accept `count` faultless samples at once, of which only the last one is given.
 
         Parameters
         ----------
-        rate : running mean at the end [rad/s]
-        equal : number of equal readings at the end
+        t_ns, position_rad : time and position of the last sample
+        rate : running mean of the rate there [rad/s]
+        equal : number of equal readings in a row there
         """
         self._t_ns, self._position, self._rate = t_ns, position_rad, rate
         self._run += count

@@ -50,7 +50,7 @@ class Group(NamedTuple):
 
 
 class Groupings:
-    """Puts the frames of all joints of a bus together.
+    """Joins the frames of every joint of a bus to samples.
 
     Parameters
     ----------
@@ -117,11 +117,11 @@ def _whole(frames: Arrivals, members: int) -> Group:
 
 
 class Grouping:
-    """Puts the frames of one joint together.
+    """Joins the frames of one joint to samples.
 
-    Frames belong to one sample from its first frame on until all its messages have come, one comes
-    again, one answers another cue, or `spread_ns` is over. Member 0 carries the sample's time. A
-    sample without it is dropped and counted in `headless`; one that lacks another has NaN there.
+    A sample begins with its first frame. It ends when all its messages have come, when one comes
+    again or answers another cue, or after `spread_ns`. Member 0 carries the sample's time. A sample
+    without it is dropped and counted in `headless`; one that lacks another member has NaN there.
     """
 
     def __init__(self, members: int, spread_ns: int | None) -> None:

@@ -25,7 +25,7 @@ class Raw(NamedTuple):
 
 
 class Judged(NamedTuple):
-    """What became of a batch."""
+    """Verdict on the readings of a batch."""
 
     samples: JointSamples
     counts: list[int]  # samples of each joint
@@ -43,7 +43,7 @@ class JointEnd:
     steps_rad : resolution of every encoder [rad or m]; empty: all are negligible
     on_wire : positions are those of tailored nodes, where a revolution of a prismatic joint is a
         metre; False: they are in rad or m
-    offset_ns : time of validity of a sample less its stamp, which is judged
+    offset_ns : time of validity of a sample minus its stamp; the stamps are judged
     """
 
     def __init__(

@@ -89,7 +89,10 @@ class JointTrack:
         count: int,
         equal: int,
     ) -> None:
-        """Accept a regular batch by the values at its end; see `EncoderWatch.follow`."""
+        """Accept a regular batch, of which only the last sample is given.
+
+        `sync` is its SYNC; `rate`, `count` and `equal` are as in `EncoderWatch.follow`.
+        """
         self._encoder.follow(t_ns, position_rad, rate, count, equal)
         self._seen = (self._seen << count | (1 << count) - 1) & _MASK
         self._newest, self._last_t_ns, self._last_rad = sync, t_ns, position_rad

@@ -16,7 +16,7 @@ START_NS = 5_000_000_000  # a device may take this long from the opened port to 
 
 
 class LineFaults(NamedTuple):
-    """Codes of the faults of what one device, or one sender, sends."""
+    """Code for each fault of the data that one device, or one sender, sends."""
 
     silent: Fault
     lost: Fault
@@ -57,7 +57,7 @@ TRACKER_LINE = LineFaults(
 
 
 def silent_only(fault: Fault) -> LineFaults:
-    """Return the faults of a device of which nothing but its silence is one."""
+    """Return the codes for a device of which only silence is reported: all are `fault`."""
     return LineFaults(*[fault] * len(LineFaults._fields))
 
 
@@ -146,7 +146,7 @@ class LineWatch:
     def watch(self, now_ns: int, *, up: bool, words: str = "") -> None:
         """Report the line if it is silent; without its port (not `up`) it is not judged.
 
-        `words` say what the frames of a line lack that has never given a usable one.
+        `words` say what the frames lack if none has been usable so far; the report includes them.
         """
         if not up:
             self._last_ns, self._opened_ns, self._excused = None, None, True

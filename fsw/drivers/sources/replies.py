@@ -2,7 +2,7 @@
 
 So a message behind cues that all have an answer answers the last one. Where one has none, its
 answer is lost, or it comes late: a busy machine holds messages for some periods and then delivers
-all of them, in order. The count tells. Messages i to j, the last cues before which are a_i to a_j,
+all of them, in order. Counting decides. Messages i to j, the last cues before which are a_i to a_j,
 answer the cues n_i = min(a_i, n_(i+1) - d), n_j = a_j. The step d is 1 from one message to the same
 again. To another one it is 1 if the first has always come after the second in an answer, else 0.
 Likewise n_i is at least n_(i-1) + d. A message is held until the two bounds are one, or until no
@@ -27,7 +27,7 @@ class Replies:
     Parameters
     ----------
     cues : what makes the devices measure
-    owns : (devices,) which devices
+    owns : (devices,) whether the device measures at these cues
     each : (devices,) whether the device answers each cue; the others answer the last one before
     members : most messages of a device's sample
     """
@@ -47,8 +47,8 @@ class Replies:
     def date(self, device: IntArray, frames: Arrivals) -> tuple[IntArray, Arrivals]:
         """Accept the frames of a batch, sorted by device; return those whose cue is found.
 
-        A frame that was held is known (`done_ns`) with the frame that told its cue. Frames of other
-        devices are returned as they are.
+        `done_ns` of a frame that was held is that of the frame which decided its cue. Frames of
+        other devices are returned as they are.
         """
         if self._held is not None:
             device = np.concatenate([self._device, device])

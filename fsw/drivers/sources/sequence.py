@@ -25,7 +25,7 @@ UNTRUE_RATIO = 0.1  # of a sample period: a smaller growth of the wait is not ju
 
 
 class Step(Enum):
-    """Verdict on a counter."""
+    """Verdict on a counter: only NEXT and RESTART may be accepted."""
 
     NEXT = "next"
     RESTART = "restart"  # believed, but the clock model must restart

@@ -106,8 +106,8 @@ class ThrusterBusSource:
     """Every thruster of one bus.
 
     A report gives the valves' states at its time, and the time of the newest change. If more than
-    one change lies between two reports, as after lost reports, a NaN marks the unknown changes; of
-    a described valve, which counts none, only where its state is again the same.
+    one change lies between two reports, as after lost reports, a NaN marks the unknown changes. A
+    described valve does not count its changes, so several show only if its state is the old one.
 
     Parameters
     ----------

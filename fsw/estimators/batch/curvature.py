@@ -53,10 +53,15 @@ def widen(
     profile: Profile,
     weak: float = WEAK,
 ) -> Widening:
-    """Return the covariance (p, p), widened along weak axes in which x (p,) is not linear enough.
+    """Return the covariance (p, p), widened along weak axes where the cost is no parabola.
 
-    `cost` is the least squared whitened residual, prior included. At most MAX_AXES axes are judged,
-    of the first `bodies` states, marginal over the others, in units of `prior_covariance`.
+    At most MAX_AXES axes are judged, of the first `bodies` states, marginal over the others, in
+    units of `prior_covariance`.
+
+    Parameters
+    ----------
+    x, cost : (p,) where the cost is least; least sum of squared whitened residuals, prior included
+    weak : 1 sigma, in units of the prior's, above which an axis is judged
     """
     own = covariance[:bodies, :bodies]
     root = np.asarray(np.linalg.cholesky(prior_covariance[:bodies, :bodies]), dtype=np.float64)

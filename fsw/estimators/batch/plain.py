@@ -88,7 +88,12 @@ def gauss_newton(
 def plain_step(
     target: RowsAt, prior: Prior, x: FloatArray, at: FloatArray
 ) -> tuple[FloatArray, float, SquareRootInformation]:
-    """Return the minimum by rows linearised at `at`, its whitened rms step from x, information."""
+    """Make one step from x (p,) with the rows linearised at `at` (p,).
+
+    Returns
+    -------
+    The minimum (p,), the whitened rms of the step to it, and the information.
+    """
     A, b = target(at)
     information = prior.at(at).update(A, b + A @ at)
     mean = information.mean()
@@ -99,7 +104,11 @@ def plain_step(
 def plain_solution(
     problem: Problem, target: RowsAt, prior: Prior, start: FloatArray
 ) -> tuple[FloatArray, BatchSolution | None]:
-    """Return where plain steps settle, else the start; and the solution if no body is there."""
+    """Return a start for a search over consistent bodies, and the solution if one is found here.
+
+    The start (p,) is where plain steps settle, or else `start`. A solution is found if the best
+    values are those of no possible body: see `light` and `at_the_edge`.
+    """
     x, settled = gauss_newton(problem, target, prior, start)
     possible = all(is_consistent(x[problem.body(name)]) for name in problem.unknown)
     # steps with rows at the nearest consistent bodies can swing about a body near nothing
@@ -131,9 +140,9 @@ def light(problem: Problem, target: RowsAt, prior: Prior, x: FloatArray) -> Batc
 def at_the_edge(
     problem: Problem, target: RowsAt, prior: Prior, start: FloatArray
 ) -> tuple[FloatArray, BatchSolution | None]:
-    """Return where steps over the consistent bodies settle; and the solution if these bound it.
+    """Return where steps over the consistent bodies settle, and the solution if their edge has it.
 
-    Steps that do not settle return the start and None.
+    If the steps do not settle, return the start and None.
     """
     x = to_x(problem, to_theta(problem, start))
     cost, lengths = _tried(target, prior, x), _Lengths()
@@ -248,7 +257,7 @@ def to_x(problem: Problem, theta: FloatArray) -> FloatArray:
 def weakest_gain(problem: Problem, stacked: FloatArray) -> float:
     """Return the data's information over the prior's in the least known direction of the bodies.
 
-    Nuisances are marginalised with their priors.
+    `stacked` (k, p) are whitened rows of the data; other states are marginalised with their priors.
     """
     k, prior = problem.shown, problem.prior_covariance
     F = stacked.T @ stacked

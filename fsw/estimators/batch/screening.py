@@ -59,7 +59,7 @@ def fits_throughout(
 
 
 def lacks_more(blocks: Sequence[Block], others: Sequence[Block]) -> bool:
-    """Return whether a channel of one of the blocks is left out in the same one of `others`."""
+    """Return whether any of the blocks has other channels than its counterpart in `others`."""
     return any(_channels(a) != _channels(b) for a, b in zip(blocks, others, strict=True))
 
 

@@ -90,7 +90,7 @@ def solve(
     progress: Progress | None = None,
     start: FloatArray | None = None,
 ) -> BatchSolution:
-    """Return `minimise` over the rows of some blocks."""
+    """Minimise over the rows of some blocks; see `minimise`."""
     return minimise(problem, Target(Linearisation(rows, blocks)), progress, start)
 
 
@@ -104,15 +104,18 @@ def minimise(
 ) -> BatchSolution:
     """Minimise the prior's cost plus the squared whitened residuals.
 
-    With `plain`, re-weighted Gauss-Newton comes first. Levenberg-Marquardt over the consistent
-    bodies follows, from where Gauss-Newton settles, or else from the start. The best values of a
-    light body, as of an empty gripper, often lie just outside the consistent ones: if noise alone
-    explains this, they are the solution, and the published body is marked as inconsistent. If noise
-    does not, the least cost lies at the edge of the consistent bodies, which is infinitely far in
-    log-Cholesky coordinates. Gauss-Newton steps to the nearest consistent bodies find it, and the
-    note says what the data want instead.
+    The best values of a light body, such as an empty gripper, often lie just outside the consistent
+    ones. If noise alone explains this, they are the solution, and the published body is marked as
+    inconsistent. If noise does not, the least cost lies at the edge of the consistent bodies, which
+    is infinitely far in log-Cholesky coordinates. Gauss-Newton steps to the nearest consistent
+    bodies find it, and the note says what the data want instead.
 
-    `start` is the first iterate (the prior's mean when None), moved to consistent bodies if needed.
+    Parameters
+    ----------
+    progress : receives fraction and text of each iteration; False aborts; None: no reports
+    start : (p,) first iterate, moved to consistent bodies if needed; None: the prior's mean
+    plain : whether re-weighted Gauss-Newton comes first. Levenberg-Marquardt over the consistent
+        bodies then begins where Gauss-Newton settled, otherwise at the start.
     """
     prior = problem.prior
     x = prior.mean if start is None else start
@@ -224,7 +227,7 @@ def _still_moving(problem: Problem, step: FloatArray, information: SquareRootInf
 
 
 def regress(problem: Problem, target: Target) -> BatchSolution:
-    """Return the least squares of rows that are linear in the bodies, consistent or not.
+    """Return the least-squares solution of rows that are linear in the bodies, consistent or not.
 
     Undamped steps: the first finds the bodies, the next ones the biases, which enter bilinearly.
     """
@@ -259,8 +262,9 @@ def linear_covariance(
 ) -> tuple[FloatArray, str]:
     """Return the covariance by the linearisation at the solution, and a note on it (may be empty).
 
-    `covariance` is that of the linear parameters; None: as the solution's information says. For
-    torque methods and an unknown base it is mapped from the base's mobility (see `is_bent`).
+    `covariance` (p, p) is that of the linear parameters; None: the inverse of the solution's
+    information. For torque methods and an unknown base it is mapped from the base's mobility (see
+    `is_bent`).
     """
     if covariance is None:
         covariance = solution.information.covariance()

@@ -46,10 +46,10 @@ class Arm:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmWanted:
-    """The fits that a window's joints need; `own`: the joints of each fit."""
+    """The polynomial fits that the joints of a window need."""
 
     wanted: Sequence[Wanted]
-    own: Sequence[list[int]]
+    own: Sequence[list[int]]  # joints whose samples each fit contains
     is_motion: Sequence[bool]  # whether a fit is of positions or speeds; else of torques
     counts: Sequence[int]  # samples of each joint
     gated: bool
@@ -59,7 +59,7 @@ Removed = list[tuple[int, Fault, int]]  # joint, fault, number of samples left o
 
 
 class ArmConditioner:
-    """Makes the joints' part of blocks.
+    """Fits the joints' samples of each window and makes the joints' part of its block.
 
     Attributes
     ----------

@@ -162,9 +162,9 @@ class WindowFit:
         return covariance
 
     def whitener(self, orders: tuple[int, ...]) -> FloatArray:
-        """Return W (rank, orders x nodes) that whitens the stacked derivatives of unit noise.
+        """Return W (rank, orders x nodes) that whitens the derivatives of these orders, stacked.
 
-        The rank of their covariance is at most the polynomial's degree plus one.
+        Their samples have unit noise. The rank is at most the polynomial's degree plus one.
         """
         values, vectors = (part[self.at] for part in self.fit.spectrum(orders))
         kept = values > RANK * values[-1]

@@ -2,7 +2,7 @@
 
 The Legendre coefficients of a smooth motion fall with their degree. The two highest of a fit, over
 the two before them, show how fast; the first two that the fit lacks are taken to fall as fast. They
-are errors of the motion beside the noise, unknown and of this size. Coefficients that the noise of
+are errors of the motion besides noise, unknown and of this size. Coefficients that the noise of
 the samples explains show nothing. Where a motion is not smooth, as where it starts within a window,
 they need not fall; then what the fit leaves of the samples beyond their noise is the size of what
 is left out: what they have in common with the next sample's. A motion that is too fast for its
@@ -39,9 +39,9 @@ def legendre_basis(nodes: int, degree: int, half_s: float) -> FloatArray:
 
 @lru_cache(maxsize=16)
 def coefficients(nodes: int, degree: int, half_s: float) -> FloatArray:
-    """Return (degree + 1, 3, m): Legendre coefficients of positions by [qd, qdd, q] at the nodes.
+    """Return (degree + 1, 3, m), which maps [qd, qdd, q] at m nodes to q's Legendre coefficients.
 
-    Exact for polynomials of the degree, which is at most 3 m - 1.
+    This is exact for polynomials of the degree, which is at most 3 m - 1.
     """
     scale = np.array([half_s, half_s**2, 1.0])[:, None, None]
     unit = legendre_basis(nodes, degree, half_s) * scale
@@ -59,14 +59,15 @@ def omitted(
     samples: int,
     left: FloatArray,
 ) -> FloatArray:
-    """Return the covariance (n, 3 m, 3 m) of [qd, qdd, q] by what the fits of n joints leave out.
+    """Return the covariance (n, 3 m, 3 m) of [qd, qdd, q] due to what the fits of n joints omit.
 
     Parameters
     ----------
     motion : (3, m, n) [qd, qdd, q] at the nodes, polynomials of a `degree`
-    sigma : (n,) noise of a sample of the position
+    half_s : half the window [s]
+    sigma : (n,) noise of a sample of the position [rad]
     samples : number of samples in the window
-    left : (2, n) mean products of what the fits leave of samples, 0 and 1 apart
+    left : (2, n) mean products of residuals of the fits, 0 and 1 samples apart [rad^2]
     """
     m = motion.shape[1]
     of = coefficients(m, degree, half_s)[-4:]

@@ -102,7 +102,7 @@ class Delays:
         return bool(self.of_joints.any())
 
     def late(self, x: FloatArray, values: FloatArray, J: FloatArray, nodes: int) -> FloatArray:
-        """Return the first channels (N, c) with their delays; change d/dx (N, c, p) in place."""
+        """Return values (N, c) of the first c channels, delayed; change J (N, c, p) in place."""
         W, late_s = self.of_channels[: values.shape[1]], self._late_s(x)[: values.shape[1]]
         own = np.flatnonzero(W.any(axis=1) | (late_s != 0.0))
         E, found = self._shifts(-late_s[own], nodes), values.copy()
@@ -112,17 +112,17 @@ class Delays:
         return found
 
     def back(self, x: FloatArray, nodes: int) -> FloatArray:
-        """Return (t + 6, m, m): from a channel's readings at the nodes to those without delay."""
+        """Return (t + 6, m, m), which removes the delay from a channel's values at the m nodes."""
         return self._shifts(self._late_s(x), nodes)
 
     def prompt(self, x: FloatArray, values: FloatArray, nodes: int) -> FloatArray:
-        """Return the last channels (N, c, ...) without their delays."""
+        """Return values (N, c, ...) of the last c channels without their delays."""
         return _by_window(self.back(x, nodes)[-values.shape[1] :], values)
 
     def advanced(
         self, x: FloatArray, q: FloatArray, qd: FloatArray, qdd: FloatArray, nodes: int
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the joints' angle, rate and acceleration, each (N, n), as much later."""
+        """Return the joints' angle, rate and acceleration (N, n) later by their stamps' delays."""
         d_s = self.of_joints @ x[self.states]
         folds = [_by_window(self._shifts(d_s, nodes, fold), qdd) for fold in range(3)]
         return q + d_s * qd + folds[2], qd + folds[1], folds[0]
@@ -167,7 +167,13 @@ def _by_window(E: FloatArray, values: FloatArray) -> FloatArray:
 
 
 def delays(setting: Setting, places: Mapping[str, slice], torques: int) -> Delays:
-    """Return the delays of a configuration, for a state whose groups are at `places`."""
+    """Return the delays of a configuration.
+
+    Parameters
+    ----------
+    places : slice of each group of states in the whole state
+    torques : number of torque channels: joints, then axes of wrench sensors
+    """
     config, joints = setting.config, setting.joints
     at = [np.r_[places.get(group.name, slice(0, 0))].astype(np.intp) for group in GROUPS]
     n, (own, buses, imu) = len(joints), (len(states) for states in at)

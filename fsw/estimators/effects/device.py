@@ -49,11 +49,12 @@ class Device:
     Attributes
     ----------
     section : the list in the configuration
-    gentle : values at times (k,) [s] of a window of a length [s] in which it works gently
-    groups : of states that are part of the table beside one another
-    follow : what makes the devices' part of blocks; None: they are sensors of the arm
-    along : noise-free samples of entry i in the window [start_ns, stop_ns) of a motion, from the
-        times (k,) [ns] of its reports
+    gentle : for an entry, times (k,) [s] and a window's length [s]: values (k, width) of a device
+        that works gently, for a rehearsal
+    groups : its states, next to one another in the table of states
+    follow : makes the follower of these devices; None: they are sensors of the arm
+    along : for an entry, its place i and the times (k,) [ns] of its reports: noise-free samples in
+        the window [start_ns, stop_ns) of a motion
     """
 
     section: str

@@ -1,4 +1,4 @@
-"""Parts that the base carries: what the checks say of the entries of one section."""
+"""Parts that the base carries: what the checks say about the entries of one section."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -19,15 +19,16 @@ class OnBase:
 
     Attributes
     ----------
-    section : the list in the configuration
+    section : name of the list in the configuration
     absent : what a robot without such parts lacks, in words
-    is_possible : whether a robot can have such parts at all
-    words : a line for each part, and lines on what the model contains
-    faults : lines on parts that a base of these parameters (10,) cannot contain
-    warnings : lines on parts that are unlikely, or that the model does not follow
-    left_out : the parts that a model can leave out, while they work along a motion with
-        so many seconds of firings
-    unplanned : what a planned motion leaves out, in words; the argument: whether anything fires
+    is_possible : returns whether a robot can have such parts at all
+    words : returns a line for each part, and lines about what the model contains
+    faults : returns a line for each part that a base with these parameters (10,) cannot contain
+    warnings : returns lines about parts that are unlikely, or that the model does not follow
+    left_out : returns the parts that a model can leave out; the argument is the time of firing
+        along the motion [s]
+    unplanned : returns in words what a planned motion leaves out; the argument: whether
+        anything fires
     """
 
     section: str

@@ -78,7 +78,7 @@ class BlockStack:
 
     @cached_property
     def cov_joint(self) -> FloatArray:
-        """Covariance of the joints' motion."""
+        """Covariance of the joints' motion; shapes as in `Block`, after an axis of blocks."""
         return _stacked([block.cov_joint for block in self.blocks])
 
     @cached_property
@@ -109,17 +109,17 @@ class BlockStack:
 
     @cached_property
     def root_gyro(self) -> FloatArray:
-        """Root of the gyro's covariance."""
+        """Root of `cov_gyro`, of the same shape."""
         return covariance_root(self.cov_gyro)
 
     @cached_property
     def root_acc(self) -> FloatArray:
-        """Root of the accelerometer's covariance."""
+        """Root of `cov_acc`, of the same shape."""
         return covariance_root(self.cov_acc)
 
     @property
     def has_angles(self) -> bool:
-        """Return whether the blocks give the covariance of angles beside that of rates."""
+        """Return whether the blocks give the covariance of angles besides that of rates."""
         return bool(self.blocks[0].cov_joint.shape[1] == 3 * self.m)
 
     @cached_property

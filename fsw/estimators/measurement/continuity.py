@@ -9,7 +9,7 @@ alone. The next block has the difference at their common edge as further rows:
 
 with s0 and P mean and covariance of the end before, given all blocks since the last gap and the
 state x. So the rows of a run of blocks are those of the whole run, with its motion unknown, block
-by block: a Kalman filter of the motion beside the state, whose derivative by the state is carried
+by block: a Kalman filter of the motion besides the state, whose derivative by the state is carried
 too. The rows of the edge come last, so that the whitened rows of the nodes are those without them.
 Residuals far beyond noise show that the state is far off, and the motion with it. On a base
 that is held, torques hold friction that no state explains and that outlasts a window; there, every

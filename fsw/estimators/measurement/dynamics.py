@@ -43,7 +43,7 @@ def dynamics(
     """Evaluate the model at the nodes.
 
     `given`: angular momentum of base and arm (N, 3) in B, gravity gradient (N, 3, 3), and what
-    momentum is carried beside.
+    momentum is carried besides.
 
     Raises
     ------

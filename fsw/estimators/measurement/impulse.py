@@ -23,7 +23,7 @@ def _nothing() -> FloatArray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Impulse:
-    """What a block hands on at its end: momentum in N gained so far, modes, the joints' motion."""
+    """State at the end of a block, for the next: momentum gained in N, modes, joints' motion."""
 
     end_ns: int
     L_Nms: FloatArray  # (3,)
@@ -32,7 +32,7 @@ class Impulse:
     fired_s: FloatArray | float = 0.0  # (K,) integral of the switched forces' shares up to then
     modes: FloatArray = field(default_factory=_nothing)  # (2 c,) coordinates, then rates
     J_modes: FloatArray = field(default_factory=_nothing)  # (2 c, p)
-    doubt: FloatArray = field(default_factory=_nothing)  # (2 c,) variance beside the state's
+    doubt: FloatArray = field(default_factory=_nothing)  # (2 c,) variance not due to the state
     motion: FloatArray = field(default_factory=_nothing)  # (2 n,) of the joints; see `continuity`
     J_motion: FloatArray = field(default_factory=_nothing)  # (2 n, p)
     cov_motion: FloatArray = field(default_factory=_nothing)  # (2 n, 2 n)
@@ -53,14 +53,17 @@ class Impulse:
         return motion
 
     def without_motion(self) -> Self:
-        """Return the same without the joints' motion, as after a block that does not count."""
+        """Return a copy without the joints' motion, as after a block that is not used."""
         nothing = _nothing()
         return replace(self, motion=nothing, J_motion=nothing, cov_motion=nothing)
 
 
 @lru_cache(maxsize=8)
 def integration(nodes: int) -> tuple[FloatArray, FloatArray]:
-    """Return the integrals from -1 to each node of the interpolant (m, m), and weights (m,)."""
+    """Return the integration matrix (m, m) and the weights (m,) of Gauss quadrature on [-1, 1].
+
+    The matrix maps values at the m nodes to the interpolant's integrals from -1 to each node.
+    """
     points, weights = legendre.leggauss(nodes)
     to_coefficients = np.linalg.solve(legendre.legvander(points, nodes - 1), np.eye(nodes))
     rows = np.empty((nodes, nodes))
@@ -90,7 +93,7 @@ def pulled(problem: Problem) -> bool:
 def momentum_at_nodes(
     block: Block, x: FloatArray, problem: Problem, G: FloatArray, before: Impulse | None
 ) -> tuple[FloatArray, FloatArray, Impulse]:
-    """Return the momentum gained in N at the nodes (m, 3), its Jacobian (m, 3, p), and that after.
+    """Return the momentum gained in N at the nodes (m, 3), its Jacobian (m, 3, p), and the end's.
 
     `G` (m, 3, 3) is the gravity-gradient field in base axes. A gap since `before` is bridged with
     the moment at this block's first node.

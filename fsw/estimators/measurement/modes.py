@@ -32,20 +32,21 @@ from fsw.messages import Block, FloatArray
 
 @dataclass(slots=True, eq=False)
 class Channels:
-    """Torque, specific force and rate of ideal sensors, and their gains; n joints, N nodes.
+    """Torque, specific force and rate of ideal sensors, and their derivatives.
 
-    The t torques are those of the joints, then the axes of wrench sensors.
+    N nodes of B blocks, n joints, p states, k components of carried momentum, c modes; t torques:
+    those of the joints, then the axes of wrench sensors.
     """
 
     tau: FloatArray  # (N, t)
     f: FloatArray  # (N, 3)
     w: FloatArray  # (N, 3)
     D: FloatArray  # (N, t + 6, 2 n + 3 + p): d[tau; f; w]/d[qdd, w, qd, x]
-    D_q: FloatArray | None  # (N, t + 6, n)
-    D_carried: FloatArray | None  # (2, N, t + 6, k)
+    D_q: FloatArray | None  # (N, t + 6, n): d[tau; f; w]/dq
+    D_carried: FloatArray | None  # (2, N, t + 6, k): by carried momentum, then by its derivative
     each: tuple[Impulse | None, ...]  # momentum, and modes, at the end of each block
     D_start: FloatArray | None = None  # (N, t + 6, 2 c): by the modes at the block's start
-    doubt: FloatArray | None = None  # (B, 2 c) variances of these modes beside the state's
+    doubt: FloatArray | None = None  # (B, 2 c) variance of these modes not due to the state
 
 
 Ideal = Callable[[BlockStack, FloatArray, Problem, Rate, Impulse | None], Channels]
@@ -229,7 +230,7 @@ def _modes(problem: Problem) -> Modes:
 def _start(
     block: Block, x: FloatArray, problem: Problem, before: Impulse | None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return modes at the window's start (2 c,), d/dx (2 c, p), variances beside the state's."""
+    """Return modes at the window's start (2 c,), d/dx (2 c, p), variances not due to the state."""
     modes, states = _modes(problem), problem.at("mode_start")
     size = states.stop - states.start
     if before is None or not len(before.modes):

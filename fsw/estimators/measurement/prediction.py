@@ -32,4 +32,4 @@ class Prediction:
     after: Impulse | None  # momentum gained up to the end
     each: tuple[Impulse | None, ...]  # momentum gained up to the end of each block
     D_start: FloatArray | None = None  # (m, t + 6, 2 c): by c modes at their block's start
-    doubt: FloatArray | None = None  # (B, 2 c) variances of these modes beside the state's
+    doubt: FloatArray | None = None  # (B, 2 c) variance of these modes not due to the state

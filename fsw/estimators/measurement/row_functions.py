@@ -59,7 +59,7 @@ class Linearisation:
     def parts(self, x: FloatArray, fits: Sequence[bool] | None = None) -> Iterator[list[Rows]]:
         """Yield the rows of at most MOST_BLOCKS blocks, momentum carried from block to block.
 
-        All blocks have rows; those of a block that does not fit are not in the motion after it.
+        Every block has rows, but one that does not fit hands on no motion to the next.
         """
         if not self._is_long:
             yield self._kept(x, fits)
@@ -166,7 +166,7 @@ class _Fused(RowsFunction):
 
 
 class _Watched(RowsFunction):
-    """Rows with the columns of what might creep beside them."""
+    """Rows with additional columns, those of what might creep."""
 
     def __init__(self, problem: Problem, watched: Watched) -> None:
         names = watched.problem.names
@@ -237,7 +237,7 @@ def row_function(method: str, weighting: str, problem: Problem) -> RowsFunction:
 
     Raises
     ------
-    EstimatorError for an unknown method, and for ce with firings.
+    EstimatorError for an unknown method, and for ce with thrusters.
     """
     functions: dict[str, RowsFunction] = {
         "mrnea": _Mrnea(problem, weighting),

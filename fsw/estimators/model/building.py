@@ -33,7 +33,7 @@ from fsw.estimators.noise.fading import covariance_at_nodes
 from fsw.messages import Block, FloatArray
 
 S = TypeVar("S", bound=BaseModel)
-NOISY_RAD = 2e-7  # errors of angles above it are seen in the channels, beside those of rates
+NOISY_RAD = 2e-7  # errors of angles above it are seen in the channels, besides those of rates
 NOTHING_EXACT = 1e-3  # sigma of what is watched; any positive value gives the same columns
 
 

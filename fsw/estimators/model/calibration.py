@@ -30,7 +30,7 @@ def spread_root(pi: FloatArray, ratio: float) -> FloatArray:
     """Return R (10, k): pi + R z with z ~ N(0, 1) is a body that is uncertain by a ratio.
 
     With the pseudo-inertia P = L L^T, the body becomes P + L S L^T. S is symmetric and Gaussian
-    with variance ratio^2 on its diagonal and half of that beside the diagonal. The mass is
+    with variance ratio^2 on its diagonal and half of that off the diagonal. The mass is
     uncertain by exactly the ratio, the centre of mass by ratio / sqrt(2) of the body's radii; any
     frame gives the same. Source: the affine-invariant metric of Lee, Park, RA-L 3 (2018).
     """

@@ -89,7 +89,7 @@ class Problem:
     p_BS_m: FloatArray  # (3,) place of the accelerometer, as configured
     R_BS: FloatArray  # (3, 3) the unit's axes to base axes, as configured
     orbit: CircularOrbit | None  # None: no gravity gradient
-    angles_are_noisy: bool  # whether their errors count beside those of rates
+    angles_are_noisy: bool  # whether their errors count besides those of rates
     window_s: float
     nodes: int  # number in a block
     noise_declared: FloatArray  # (t + 2,) 1 sigma of a sample: torques, gyro, accelerometer
@@ -131,7 +131,7 @@ class Problem:
         return [(self.at(group), rows) for group, rows in pairs if self.has(group)]
 
     def placed(self, **places: slice) -> Problem:
-        """Return the problem with other places of groups."""
+        """Return the problem with these groups at other places of the state."""
         return replace(self, places={**self.places, **places})
 
     @property

@@ -32,30 +32,30 @@ def _nothing(_setting: Setting) -> Spread:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StateGroup:
-    """One kind of state.
+    """One kind of state; "states" below are those of the group.
 
     Attributes
     ----------
     name : first part of the states' names, such as `torque_offset` of `torque_offset.joint1`
     effect : what the states are, in words
     key : configuration key of the prior
-    cause : under which the report counts the states' share in the variance; empty: `effect`
-    prior : labels and sigmas for a configuration; groups that others append have none
-    is_possible : whether a robot can have the effect, besides having the key's section
-    is_calibration : whether data of arm and sensors taken as exact have no such states
-    is_hidden : whether an estimate leaves the states out, as it does calibration
+    cause : name under which the report counts the states' share of the variance; empty: `effect`
+    prior : returns labels and sigmas for a configuration; groups that others append have none
+    is_possible : returns whether a robot with the key's section can have the effect
+    is_calibration : whether the states are errors of arm or sensors; without them, these are exact
+    is_hidden : whether published estimates leave the states out, as they do calibration
     is_judged : whether a value far from its prior makes the estimate implausible
     is_repeated : whether two runs of one robot have the states in common
     drift : share of its own size by which a state differs between two runs of one robot
-    is_steady : whether the states are constants of time, which do not creep as a bias does
+    is_steady : whether the states are constant in time, unlike a bias, which creeps
     is_free : whether the prior may be widened as far as the data require
     shared : share of the variance that is common to all states of the group
     mistake : the key whose value is wrong where the data contradict the prior; empty: none
     axes : labels of the three states of a vector
-    doubt : of a mounting: 1 sigma by which a check finds a wrong one where `key` states none
-    unknown : of a mounting: 1 sigma where nothing is known
-    calibrated_from : least 1 sigma from which `fsw calibrate` estimates; 0: that of `key`
-    amount : size of the effect in words; None: the largest prior sigma
+    doubt : of a mounting: 1 sigma with which a check looks for a wrong one if `key` states none
+    unknown : of a mounting: 1 sigma if nothing is known
+    calibrated_from : least prior sigma with which `fsw calibrate` estimates; 0: that of `key`
+    amount : returns the size of the effect in words; None: the largest prior sigma
     """
 
     name: str
@@ -117,7 +117,7 @@ class StateGroup:
         return self.is_judged or not self.is_published
 
     def applies_to(self, config: Config) -> bool:
-        """Return whether a robot has what the states are of."""
+        """Return whether a robot has the devices and effects that the states describe."""
         own = getattr(config, self.section)
         has = config.imu.present if self.section == "imu" else bool(own)
         return has and self.is_possible(config)

@@ -38,7 +38,7 @@ def few_windows(levels: FloatArray, parameters: float, rows: int) -> tuple[float
 
 
 def in_words(windows: int, doubt: float) -> str:
-    """Return that Student's factor `doubt` is used on the variance; empty: it is 1."""
+    """Return a note that Student's factor `doubt` is used on the variance; empty: it is 1."""
     if doubt == 1.0:
         return ""
     wider = f"{doubt**0.5:.2g} times as wide (Student)"
@@ -47,7 +47,7 @@ def in_words(windows: int, doubt: float) -> str:
 
 
 def too_few(windows: int, least: int) -> str:
-    """Return that a result needs more windows; empty: there are enough."""
+    """Return a note that a result needs more windows; empty: there are enough."""
     if windows >= least:
         return ""
     needs = f"a result needs {least} (estimator.settle_blocks)"

@@ -40,7 +40,7 @@ _STATE = ("_sums", "_windows", "_excess")
 
 @dataclass(frozen=True, slots=True)
 class ChannelNoise:
-    """Noise found on one channel in its own unit, beside the declared one.
+    """Declared noise of one channel, and the noise found, in the channel's unit.
 
     Parameters
     ----------

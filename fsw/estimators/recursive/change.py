@@ -116,7 +116,7 @@ class InnovationMonitor:
     nis, nis_dof : normalised innovation squared of the newest block and its degrees of freedom
     level : noise variance over the declared one; 1 unless the residuals clearly show more, or few
         windows of a held arm show any more
-    doubt : Student's factor on this variance, for how few windows have shown it; 1: it is not used
+    doubt : Student's factor on this variance, because few windows have shown it; 1: it is not used
     step : what the newest block added to Page's sum, whose limit is 1; 0: it was not judged
     """
 

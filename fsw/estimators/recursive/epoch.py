@@ -38,7 +38,8 @@ def next_epoch(
 
     Parameters
     ----------
-    prior : mean (p,) and covariance (p, p) of the old epoch; zeros and steps independent of others
+    prior : mean (p,) and covariance (p, p) of the old epoch, in which the joints' zeros and the
+        steps of the walks are independent of all other states
     data : information of the old epoch's data alone
     """
     p, count = len(prior[0]), len(walks.joints)

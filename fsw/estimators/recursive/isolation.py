@@ -47,10 +47,10 @@ class ChannelScreen:
 
         Parameters
         ----------
-        rows : of the block, with the root of their noise covariance
+        rows : rows of the block, with the root of their noise covariance
         step : (p,) estimate minus the rows' linearisation point
-        covariance_root : (p, p) of the estimate
-        level : noise variance over the declared one
+        covariance_root : (p, p) root of the estimate's covariance
+        level : ratio of the noise's variance to the declared one
         """
         ratios = self.ratios(rows, len(block.t_ns), step, covariance_root, level)
         if not ratios:

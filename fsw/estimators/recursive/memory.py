@@ -179,7 +179,7 @@ class Memory:
         return self._total - self._visited
 
     def advance(self, rows: SafeRows, most: int = 1) -> bool:
-        """Re-linearise the next blocks of the pass; return True when that ended the pass.
+        """Re-linearise the next blocks of the pass; return whether this ended the pass.
 
         The pass includes blocks that were added since it began. It re-linearises them too if they
         depend on the blocks before them, because momentum and modes followed from its old point.
@@ -326,7 +326,7 @@ class Memory:
     def scores(self) -> list[Scores]:
         """Return the products of the stored blocks with what might creep, oldest first.
 
-        Nothing while those of the estimate are not at hand: after a restart within a pass.
+        Empty while the rows of the estimate are missing: after a restart within a pass.
         """
         every = [(s.weight, self._with_rows(s).scores) for s in self._store if s.weight]
         known = [own.weighted(weight) for weight, own in every if own is not None]

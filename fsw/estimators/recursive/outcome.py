@@ -40,9 +40,13 @@ def outcome(
 
     Liquid in an unknown body widens the published covariance only, not the checks of excitation.
 
-    The checks of excitation and of physically possible bodies are added to the `failed` ones.
-
-    `prior` (p, p) is the covariance that the data started from; None: the problem's.
+    Parameters
+    ----------
+    x, covariance : (p,) and (p, p), the whole state
+    failed : failed checks so far; those of excitation and of possible bodies are added here
+    q_rad : (n,) pose of the joints for the whole robot; None: without the whole robot
+    gated : number of blocks left out
+    prior : (p, p) covariance that the data started from; None: the problem's
 
     Raises
     ------

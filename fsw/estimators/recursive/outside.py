@@ -110,7 +110,7 @@ class OutsideWatch:
         return self.momentum_lost and not self._in_question
 
     def found_momentum(self) -> None:
-        """Record that the state has the present momentum."""
+        """Record that the state has the momentum after the last wrench."""
         self.momentum_lost = False
 
     def judge(

@@ -22,7 +22,13 @@ TOLERANCE = 0.01  # of the logarithm of the rate
 
 
 def step(nis: float, dof: int, rate: float) -> float:
-    """Return a block's excess less the drift, over the limit of that rate for its rows."""
+    """Return what a block adds to the sum, in units of the limit.
+
+    Parameters
+    ----------
+    nis, dof : normalised innovation squared of the block, and its number of rows
+    rate : false alarms per clean block, which fixes the limit for blocks of `dof` rows
+    """
     limit = threshold(dof, rate)
     return float(min((nis - dof) / np.sqrt(2.0 * dof), REACH * limit) - DRIFT) / limit
 

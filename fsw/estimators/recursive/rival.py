@@ -1,4 +1,4 @@
-"""The estimate before a re-opening, which continues beside the new one until the data decide.
+"""The estimate before a re-opening, which continues next to the new one until the data decide.
 
 An alarm says that the blocks no longer fit. Either the bodies have changed, or it was a false alarm
 and the next blocks fit again. Both hypotheses continue over the following blocks. Their logarithmic
@@ -23,7 +23,7 @@ MOST_BLOCKS = 64  # after which an undecided test ends against the old estimate
 
 
 class Standing(Enum):
-    """What the blocks since an alarm say of the estimate before it."""
+    """What the blocks since an alarm say about the estimate before it."""
 
     OPEN = 0
     REFUTED = 1

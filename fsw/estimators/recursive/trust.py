@@ -139,10 +139,10 @@ class Trust:
         Parameters
         ----------
         level : variance of the noise over the declared one
-        besides : those of the rows that are no torques and therefore must be white
+        besides : residuals of the rows that are not torques and therefore must be white
         cost : computes what likeness costs; called where the residuals are alike
         edges : number of last rows per block that are those of its edge
-        few : whether there are too few blocks to find this out: then likeness costs what they show
+        few : whether the blocks are too few for a test of likeness; its cost then counts anyway
         """
         self.slow = slow_power(residuals, level, edges)
         self.colour = colour(residuals, edges)
@@ -197,7 +197,7 @@ class Trust:
         return "; ".join(filter(None, (large, self.against, self.creeping, self.crept)))
 
     def is_large(self, level: float) -> bool:
-        """Return whether residuals are larger than noise and what it need not explain."""
+        """Return whether residuals are too large for noise and for unmodelled torques."""
         return level > MISMATCH_LEVEL and self.unexplained > UNEXPLAINED
 
     def leave_out(self) -> None:

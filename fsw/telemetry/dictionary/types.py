@@ -64,7 +64,7 @@ class Significance(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """Bounds of a telemetered number for ground displays; a bound itself is inside, None: no bound.
+    """Inclusive bounds of a telemetered number for ground displays; None: no bound.
 
     The daemon itself does not use them: it acts on the monitors of service 12.
     """

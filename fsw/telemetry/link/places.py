@@ -50,7 +50,7 @@ class Refusal:
 
 
 def admit(newcomer: LinkClient, others: Sequence[LinkClient], places: int) -> Refusal | None:
-    """Give a new client a place or a trial; return a client to disconnect, if any."""
+    """Give a new client a place, or set it on trial; return a client to disconnect, if any."""
     rivals = [other for other in others if other.may_command == newcomer.may_command]
     newcomer.on_trial = sum(not rival.on_trial for rival in rivals) >= places
     if not newcomer.on_trial:

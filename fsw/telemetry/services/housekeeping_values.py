@@ -48,7 +48,7 @@ def run_values(context: TelemetryContext) -> dict[str, Any]:
 
 
 def recorder_values(context: TelemetryContext) -> dict[str, Any]:
-    """Return set 7. The sizes are 0 if the disk cannot be read; the recorder reports that."""
+    """Return the fields of set 7; if the disk cannot be read, which is reported, sizes are 0."""
     recording = context.host.recording
     path = recording.path
     size = free = 0
@@ -64,5 +64,5 @@ def recorder_values(context: TelemetryContext) -> dict[str, Any]:
 
 
 def time_values(context: TelemetryContext) -> dict[str, Any]:
-    """Return the time and the start count of set 8."""
+    """Return the fields of set 8: mission elapsed time [s] and number of starts."""
     return {"met_s": context.now_ns() * 1e-9, "boot_count": context.boot.count}

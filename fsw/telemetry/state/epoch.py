@@ -26,7 +26,7 @@ class Epoch:
     synchronised: bool = False
 
     def document(self) -> dict[str, object]:
-        """Return plain values, to be stored beside times."""
+        """Return plain values, to be stored with times."""
         return {"clock_id": self.clock_id, "utc_less_met_ns": self.utc_less_met_ns}
 
     @classmethod

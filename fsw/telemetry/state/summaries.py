@@ -75,7 +75,7 @@ class Summaries:
         return found
 
     def close(self) -> list[tuple[str, str]]:
-        """Return code and text of a last summary of each burst with held events."""
+        """End all bursts; return code and text of a last summary of each with held events."""
         found = [(code, _summary(burst)) for code, burst in self._bursts.items() if burst.held]
         self._bursts.clear()
         return found

@@ -67,7 +67,7 @@ class Jb2006:
         self._model = JB2006(inputs, light, self._earth, tai)
 
     def at(self, altitude_m: float, latitude_rad: float, ascension_rad: float) -> float:
-        """Return the density [kg/m^3] at a geodetic place."""
+        """Return the density [kg/m^3] at a geodetic altitude, latitude and right ascension."""
         from org.orekit.bodies import GeodeticPoint
 
         place = self._earth.transform(GeodeticPoint(latitude_rad, ascension_rad, altitude_m))
@@ -98,7 +98,7 @@ def started() -> None:
 
 
 def indices_of(activity: Activity) -> tuple[float, ...]:
-    """Return the seven indices of a level of activity."""
+    """Return the seven indices for `Jb2006` at a level of solar activity."""
     f10, s10, m10, ap = INDICES[activity]
     return (f10, f10, s10, s10, m10, m10, ap)
 

@@ -29,12 +29,12 @@ def epoch_tt(text: str) -> tuple[float, float]:
 
 
 def sun_m(epoch: tuple[float, float], t_s: FloatArray) -> FloatArray:
-    """Return the Sun's positions (k, 3) from the Earth's centre `t_s` (k,) after the epoch."""
+    """Return the Sun's positions (k, 3) in N from the Earth's centre, t_s (k,) after the epoch."""
     return -_positions_m(lambda *tt: erfa.epv00(*tt)[0], epoch, t_s)
 
 
 def moon_m(epoch: tuple[float, float], t_s: FloatArray) -> FloatArray:
-    """Return the Moon's positions (k, 3) from the Earth's centre `t_s` (k,) after the epoch."""
+    """Return the Moon's positions (k, 3) in N from the Earth's centre, t_s (k,) after the epoch."""
     return _positions_m(erfa.moon98, epoch, t_s)
 
 
