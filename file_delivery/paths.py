@@ -20,7 +20,7 @@ def confined(directory: Path, name: str) -> Path:
     """
     parts = PurePosixPath(name).parts
     if not parts or parts[0] == "/" or any(part.startswith(HIDDEN) for part in parts):
-        raise DeliveryError(UNKNOWN, f"{name!r} is no name below the file directory")
+        raise DeliveryError(UNKNOWN, f"{name!r} is not a name below the file directory")
     if len(name) > MAX_CHARACTERS or not (name.isascii() and name.isprintable()):
         text = f"at most {MAX_CHARACTERS} printable ASCII characters, not {name!a}"
         raise DeliveryError(UNKNOWN, text)

@@ -18,7 +18,7 @@ def regular(path: str | Path, flags: int, permissions: int = PERMISSIONS) -> int
     descriptor = os.open(path, flags | os.O_NONBLOCK | os.O_CLOEXEC, permissions)
     if not stat.S_ISREG(os.fstat(descriptor).st_mode):
         os.close(descriptor)
-        raise OSError(errno.EINVAL, "is no regular file", str(path))
+        raise OSError(errno.EINVAL, "is not a regular file", str(path))
     return descriptor
 
 

@@ -32,10 +32,10 @@ def ctl_arguments(commands: Commands, command: Command) -> None:
 
 def install_arguments(commands: Commands, command: Command) -> None:
     """Add the parser of `fsw install-service`."""
-    install = commands.add_parser("install-service", help="write a systemd unit for it")
+    install = commands.add_parser("install-service", help="write a systemd unit for `fsw run`")
     install.add_argument("config", type=Path, metavar="CONFIG")
     overlay_argument(install)
-    install.add_argument("--user", default="fsw", help="who runs it, fsw; not root")
+    install.add_argument("--user", default="fsw", help="user that runs it, fsw; not root")
     install.add_argument(
         "--directory", type=Path, default=Path("/etc/systemd/system"), help="where units are"
     )
@@ -44,9 +44,9 @@ def install_arguments(commands: Commands, command: Command) -> None:
 
 def bench_arguments(commands: Commands, command: Command) -> None:
     """Add the parser of `fsw bench`."""
-    bench = commands.add_parser("bench", help="timer, buses and lines of this machine")
+    bench = commands.add_parser("bench", help="measure timer, buses and lines of this machine")
     bench.add_argument("--rounds", type=int, default=5, metavar="N")
-    bench.add_argument("--seconds", type=float, default=5.0, help="of a measurement in each round")
+    bench.add_argument("--seconds", type=float, default=5.0, help="length of each measurement")
     bench.add_argument(
         "--frame-rate", type=float, default=8000.0, metavar="HZ", help="1 Mbit/s is full at 8000"
     )

@@ -44,7 +44,7 @@ def split(buffer: bytearray) -> Iterator[bytes]:
     while len(buffer) >= HEADER_BYTES:
         length = (buffer[4] << 8 | buffer[5]) + HEADER_BYTES + 1
         if buffer[0] >> 4 != 0:  # version 0, telemetry
-            raise LinkError("what the daemon sends is no telemetry packet")
+            raise LinkError("what the daemon sends is not a telemetry packet")
         if len(buffer) < length:
             return
         packet = bytes(buffer[:length])

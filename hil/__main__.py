@@ -271,7 +271,7 @@ def _require_together(arguments: argparse.Namespace) -> None:
     if arguments.truth is not None and not arguments.fast:
         raise ScenarioError("--truth: needs virtual time: add --fast")
     if arguments.truth is not None and (arguments.doubts or arguments.config is not None):
-        raise ScenarioError("--truth: not beside --config or --doubts, which change the arm")
+        raise ScenarioError("--truth: not with --config or --doubts, which change the arm")
     require_own(arguments)
 
 

@@ -46,7 +46,7 @@ def add_own(parser: argparse.ArgumentParser) -> None:
         "--devices",
         type=Path,
         metavar="YAML",
-        help="beside --config: devices as this other configuration says, to plant a mistake",
+        help="with --config: devices as this other configuration says, to plant a mistake",
     )
 
 

@@ -117,7 +117,7 @@ class Samples:
         )
 
     def write(self, config: Config, out: Path) -> list[str]:
-        """Write a recording of the arrays; return a line for each sensor on what was read.
+        """Write a recording of the arrays; return a line for each sensor about what was read.
 
         Raises
         ------

@@ -135,7 +135,7 @@ def export(arguments: argparse.Namespace) -> tuple[Body, str]:
         body = replace(body, frame=arguments.frame)
     kind, out = arguments.format, arguments.out
     if out is None and kind == PARQUET:
-        raise ConfigError("--format parquet: is no text; give --out FILE")
+        raise ConfigError("--format parquet: is not text; give --out FILE")
     if out is None:
         return body, FORMATS[kind](body)
     try:

@@ -30,7 +30,7 @@ class Nodes(NullSink):
         others = sorted(node for node in self._seen - self._known if node[1])
         return [
             f"WRONG: {bus}: nodes {', '.join(f'0x{i:02x}' for b, i in others if b == bus)} send "
-            "and are no nodes of the configuration; is the recording that of another robot?"
+            "and are not nodes of the configuration; is the recording that of another robot?"
             for bus in sorted({bus for bus, _ in others})
         ]
 

@@ -22,7 +22,7 @@ def replay_arguments(commands: Commands, command: Command) -> None:
 
 def identify_arguments(commands: Commands, command: Command) -> None:
     """Add the parser of `fsw identify`."""
-    identify = commands.add_parser("identify", help="one batch method on a recording")
+    identify = commands.add_parser("identify", help="identify from a recording by a batch method")
     identify.add_argument("recording", type=Path, metavar="RECORDING")
     identify.add_argument(
         "--config", type=Path, metavar="CONFIG", help="instead of the one in the recording"
@@ -36,7 +36,7 @@ def identify_arguments(commands: Commands, command: Command) -> None:
     )
     _part_arguments(identify)
     identify.add_argument(
-        "--holdout", type=float, metavar="SHARE", help="predict this share of windows, unused"
+        "--holdout", type=float, metavar="SHARE", help="share of windows to hold out and predict"
     )
     identify.add_argument(
         "--reference", type=Path, metavar="EMPTY", help="recording without the unknown bodies"

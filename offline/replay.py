@@ -279,7 +279,7 @@ def replay(
 
 
 def _replayed(now_ns: int, start_ns: int, last_ns: int) -> str:
-    """Return words on what is done; `last_ns` is the start of the last piece of the recording."""
+    """Return the progress in words; `last_ns` is the start of the last piece of the recording."""
     words = f"{(now_ns - start_ns) // 10**9} s replayed"
     if last_ns <= start_ns:  # a file that is cut off is one piece
         return words
@@ -356,7 +356,7 @@ def _plan(
             if _plan_one(estimation, json.loads(record.data), checkpoint):
                 end_ns = record.t_ns
         except WRONG_CONTENT as error:
-            words = f"/tc at {record.t_ns} ns is no command of this software: {brief(error)}"
+            words = f"/tc at {record.t_ns} ns is not a command of this software: {brief(error)}"
             raise ConfigError(f"{words}; the recording is damaged") from error
     return end_ns
 

@@ -34,7 +34,7 @@ def needs(config: Config, method: str) -> dict[str, str]:
 
 
 def unused_sensors(status: Mapping[str, Any]) -> dict[str, str]:
-    """Return words by source on each sensor of which nothing, or not all, can be used.
+    """Return by source, in words, why nothing of a sensor can be used, or not all.
 
     `status` is that of a replay or of the daemon.
     """

@@ -116,7 +116,7 @@ def fused(name: str, R: FloatArray, scale: Scale) -> Value:
         value = 0.5 * log
         by_C = 0.5 * ((vectors * slope) @ vectors.T) * np.outer(W, W)
     else:
-        raise ValueError(f"criterion {name!r} is no fused one")
+        raise ValueError(f"criterion {name!r} is not a fused one")
     side = columns @ scale.T.T
     return Value(float(value), by_F=-side @ by_C @ side.T)
 

@@ -208,7 +208,7 @@ def validate_ports(config: Config) -> None:
         f"{own.name}.driver" for own in config.sensors if own.driver == SAMPLES and own.bus is None
     ]
     if sampled:
-        words = "samples is no device without a feed; only recordings of fsw import have them"
+        words = "samples is not a device without a feed; only recordings of fsw import have them"
         raise ConfigError("\n".join(f"{config.name}: {key}: {words}" for key in sampled))
     if faults := config.missing_ports():
         lines = [f"{config.name}: {key}: missing; only a replay works without" for key in faults]

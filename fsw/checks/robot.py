@@ -94,7 +94,7 @@ def _check_urdf(urdf: Path) -> None:
     except ConfigError as error:
         raise ConfigError(f"robot.urdf: {urdf} {error}") from error
     except ValueError as error:  # a zero byte in the name
-        raise ConfigError(f"robot.urdf: {str(urdf)!r} is no file name: {error}") from error
+        raise ConfigError(f"robot.urdf: {str(urdf)!r} is not a file name: {error}") from error
 
 
 def _check_masses(config: Config, model: RobotModel) -> None:

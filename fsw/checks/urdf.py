@@ -71,11 +71,11 @@ def check_urdf(content: bytes) -> None:
     except (ET.ParseError, ValueError) as error:
         if isinstance(error, ConfigError):
             raise
-        raise ConfigError(f"is no URDF: {error}") from error
+        raise ConfigError(f"is not a URDF: {error}") from error
     if root.tag != "robot":
-        raise ConfigError(f"is no URDF: its root is <{brief(root.tag)}>, not <robot>")
+        raise ConfigError(f"is not a URDF: its root is <{brief(root.tag)}>, not <robot>")
     if any("xacro" in own.tag or _is_macro(own.attrib.values()) for own in root.iter()):
-        raise ConfigError("is a xacro file, no URDF yet; make one: xacro robot.xacro > robot.urdf")
+        raise ConfigError("is a xacro file, not a URDF; make one: xacro robot.xacro > robot.urdf")
     links = root.findall("link")
     if len(links) > MAX_LINKS:
         raise ConfigError(f"has {len(links)} links; must be at most {MAX_LINKS}")

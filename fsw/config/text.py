@@ -135,7 +135,7 @@ def read_yaml(source: bytes, *, aliases: bool = False) -> object:
 def _unread(error: Exception) -> str:
     """Return the line, the column and the reason why a text cannot be read."""
     if isinstance(error, yaml.reader.ReaderError) and error.encoding == "utf-8":
-        return f"no text in UTF-8, at byte {error.position}; save the file as UTF-8"
+        return f"not text in UTF-8, at byte {error.position}; save the file as UTF-8"
     place = words = ""
     if isinstance(error, yaml.MarkedYAMLError):
         mark, words = error.problem_mark, error.problem or ""

@@ -334,7 +334,7 @@ def _speeds_are_enough(config: Config) -> None:
     for key, given in sums.items():
         if given:
             raise ValueError(
-                f"{key}: is not known beside {name!r} with encoder: speed; leave it out"
+                f"{key}: is not known if {name!r} has encoder: speed; leave it out"
             )
 
 

@@ -110,7 +110,7 @@ class ChunkSource(Protocol):
         ...
 
     def lacks(self) -> str:
-        """Return words on data that the device has never sent; empty: none is missing."""
+        """Return in words which data the device has never sent; empty: none is missing."""
         ...
 
     def feed(self, chunks: Sequence[ByteChunk]) -> Samples:

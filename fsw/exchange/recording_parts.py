@@ -72,7 +72,7 @@ def parts_of(path: Path) -> list[Path]:
     while (path := part_path(first, number := number + 1)).exists():
         if identity_of(path) != identity_of(parts[0]):
             raise ConfigError(
-                f"{path}: is no part of {parts[0].name} but of another recording; move it elsewhere"
+                f"{path}: is not a part of {parts[0].name} but of another recording; move it away"
             )
         parts.append(path)
     return parts

@@ -95,7 +95,7 @@ def put_back(estimator: object, snapshot: Snapshot) -> Estimate:
     EstimatorError when the state does not fit, or the estimator cannot restore one.
     """
     if not isinstance(estimator, Restorable):
-        raise EstimatorError("this estimator takes no state")
+        raise EstimatorError("this estimator cannot restore a state")
     try:
         estimator.restore(snapshot.state, {block.index: block for block in snapshot.blocks})
     except WRONG_CONTENT as error:
@@ -111,7 +111,7 @@ def put_back_bodies(estimator: object, snapshot: Snapshot) -> Estimate:
     EstimatorError when the state does not fit, or the estimator cannot use it as prior.
     """
     if not (isinstance(estimator, Adopting) and isinstance(estimator, Restorable)):
-        raise EstimatorError("this estimator takes no prior")
+        raise EstimatorError("this estimator cannot use another prior")
     prior = estimator.estimate(snapshot.t_ns)
     before = put_back(estimator, snapshot)
     k = slice(0, BODY_STATES * len(before.bodies))

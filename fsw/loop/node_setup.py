@@ -46,7 +46,7 @@ class NodeSetup:
         return self._ask(frame.data, now_ns)
 
     def poll(self, now_ns: int) -> Outcome:
-        """Send a request again that has no reply; give up after `TRIES`."""
+        """Repeat a request that has no reply; give up after `TRIES`."""
         if not self.is_running or now_ns - self._sent_ns < WAIT_NS:
             return [], None
         if self._tries >= TRIES:

@@ -246,7 +246,7 @@ class Processes:
         dropped = self._stream.dropped
         loop.submit(command)
         if self.estimation.gave_up or self._stream.dropped > dropped:
-            name, text = str(command.name), "no estimation takes it now"
+            name, text = str(command.name), "the estimation does not receive it"
             code = Code.QUEUE_FULL
             self._to_service.put(
                 Reply(id=command.id, command=name, accepted=False, code=code, text=text)

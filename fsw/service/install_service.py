@@ -23,7 +23,7 @@ def unit_text(config: Config, given: Sequence[Path], user: str, command: Path) -
     path, *overlays = [file.absolute() for file in given]
     for word in (user, *map(str, (command, path, *overlays, *folders))):
         if not word or FORBIDDEN & set(word):
-            raise ConfigError(f"{word!r}: cannot stand in a systemd unit; take another name")
+            raise ConfigError(f"{word!r}: is not possible in a systemd unit; use another name")
     return TEMPLATE.read_text(encoding="utf-8").format(
         command=command,
         config=" --overlay ".join(map(str, (path, *overlays))),

@@ -209,7 +209,7 @@ def read_recording(path: Path) -> RecordedStream:
             except _INVALID:
                 invalid += 1
     except InvalidMagic:
-        damage = "no MCAP file"
+        damage = "not an MCAP file"
     except _DAMAGED as error:
         damage = f"damaged: {str(error) or type(error).__name__}" if _is_closed(path) else ""
     if invalid:

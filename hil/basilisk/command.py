@@ -64,7 +64,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     """Add the subcommand `vs-basilisk`."""
     parser = commands.add_parser(
         "vs-basilisk",
-        help="a second truth: Basilisk flies scenarios, beside MuJoCo and before the daemon",
+        help="a second truth: Basilisk simulates scenarios for the daemon, compared with MuJoCo",
         description="Basilisk flies each scenario under the torques of MuJoCo's flight. Prints how"
         " far the two are apart; then the daemon estimates from the bytes of Basilisk's truth, and"
         " every run must be valid and the mean NEES in its 99 % band. Without a scenario all are"
@@ -227,8 +227,8 @@ def _estimate(name: str, file: Path, arguments: argparse.Namespace) -> dict[str,
 
 
 def _show(name: str, flown: Flown) -> None:
-    """Print the largest differences of the two truths beside the largest values."""
-    print(f"{name}: Basilisk beside MuJoCo, largest difference, and of what")
+    """Print the largest differences of the two truths next to the largest values."""
+    print(f"{name}: Basilisk and MuJoCo, largest difference, and of what")
     for quantity, (off, size) in flown.apart.items():
         mark = "  BEYOND" if quantity in flown.beyond else ""
         print(f"  {quantity:24s} {off:9.2e} (at most {BOUNDS[quantity]:.0e})  of {size:.3g}{mark}")

@@ -20,8 +20,8 @@ BATCH_S = 0.25
 class Imu:
     """Inertial unit that samples on its own clock and sends `latency_s` after each sample.
 
-    Datagram n holds the rate at the sample instant less the gyro's group delay, and the specific
-    force at the sample instant less the accelerometer's. A cluster that averages holds the mean of
+    Datagram n holds the rate at the sample instant minus the gyro's group delay, and the specific
+    force at the sample instant minus the accelerometer's. A cluster that averages holds the mean of
     the period before this instant. `truth_ns` returns both times of validity exactly.
     """
 
@@ -78,7 +78,7 @@ class Imu:
         return sample - gyro_ns, sample - acc_ns
 
     def times(self) -> dict[str, float]:
-        """Return the sampling clock and how much earlier than a sample its rate is valid."""
+        """Return the sampling clock, and by how much a rate is older than its sample instant."""
         gyro_ns, _ = self.truth_ns(np.array([0]))
         return {
             "t0_ns": self._t0_ns,

@@ -340,7 +340,7 @@ class Plant:
         return {name: line.take(t_ns) for name, line in self.lines.items()}
 
     def write_serial(self, t_ns: int, device: str, data: bytes) -> None:
-        """Give bytes of the host to a device; the inertial unit ignores bytes."""
+        """Deliver bytes of the host to a device; the inertial unit ignores bytes."""
         if device == "star_tracker" and self.star_tracker is not None:
             self.star_tracker.write(t_ns, data)
 

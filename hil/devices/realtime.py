@@ -169,7 +169,7 @@ class PtyEnd:
         return self._master
 
     def receive(self) -> None:
-        """Give bytes of the host to the device."""
+        """Deliver bytes of the host to the device."""
         self._plant.write_serial(time.monotonic_ns(), self.device, os.read(self._master, 4096))
 
     def send(self, data: bytes) -> None:

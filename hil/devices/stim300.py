@@ -56,7 +56,7 @@ def layout_of(datagram_id: int) -> Layout:
         if datagram_id in group:
             i = group.index(datagram_id)
             return Layout(bool(i & 1), bool(i & 2), bool(i & 4), extra)
-    raise ValueError(f"0x{datagram_id:02X} is no STIM300 normal-mode datagram")
+    raise ValueError(f"0x{datagram_id:02X} is not a STIM300 normal-mode datagram")
 
 
 def crc32_mpeg2(data: bytes) -> int:

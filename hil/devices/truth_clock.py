@@ -67,7 +67,7 @@ class JointTable:
         self.n = int(np.atleast_2d(history.at(np.array([REST_S])).q).shape[-1])
 
     def measure_at_motors(self, motors: MotorSide) -> None:
-        """Give torques at the motors from now on: the links' and what the motor side adds."""
+        """Return torques at the motors from now on: those of the links and of the motor side."""
         self._motors, self._table = motors, np.empty((0, 0))
 
     def at(self, t_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -93,7 +93,7 @@ def _errors(story: Story) -> Section:
             x = thinned_axis(t_s)
             charts.append(
                 Chart(
-                    title=f"{body} {label}: estimate less truth, with {BAND_SIGMAS:g} sigma",
+                    title=f"{body} {label}: estimate minus truth, with {BAND_SIGMAS:g} sigma",
                     x_label=TIME,
                     y_label=f"error [{UNITS[k]}]",
                     x=x,

@@ -118,7 +118,7 @@ def _residuals(axes: Axes, residuals: Residuals) -> None:
         axes.plot(
             residuals.t_s, residuals.torque_nm[:, joint], ".", markersize=2, label=f"J{joint + 1}"
         )
-    axes.set_title("joint torque, measured less predicted", fontsize=9)
+    axes.set_title("joint torque, measured minus predicted", fontsize=9)
     axes.set_ylabel("torque [N m]")
     axes.set_xlabel("time [s]")
     axes.legend(fontsize=6, ncols=4, loc="upper right")

@@ -117,7 +117,7 @@ class VirtualCan:
         return CanFrame(self.sent_stamp(now_ns), can_id, data)
 
     def command(self, t_ns: int, can_id: int, data: bytes) -> None:
-        """Give a frame of any sender to the nodes at `t_ns`; queue the answers."""
+        """Deliver a frame of any sender to the nodes at `t_ns`; queue the answers."""
         if not self._is_cut():
             self._deliver(self._plant.on_frame(t_ns, can_id, data, self.bus, self.line))
 

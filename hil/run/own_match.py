@@ -104,7 +104,7 @@ def _wires(config: Config) -> str:
     """Return what the bench cannot do: several feeds, feeds and CAN, several kinds on a bus."""
     drivers = {joint.driver for joint in config.joints}
     if "samples" in drivers and (len(config.buses) > 1 or len(drivers) > 1):
-        return "joints: on a feed, and buses beside it; the bench has one feed and no CAN then"
+        return "joints: on a feed, and CAN buses; the bench has one feed and no CAN then"
     if "samples" in drivers and config.buses[0].feed is None:
         return "buses.0.feed: missing; the bench flies no samples of a recording"
     described = {joint.bus for joint in config.joints if joint.driver == "described"}

@@ -69,7 +69,7 @@ def prepare(links: str, *, realtime: bool) -> None:
 
 
 def serve_first(known: set[str]) -> None:
-    """Give the kernel's threads that carry bytes and frames priority over what computes.
+    """Give the kernel's threads that carry bytes and frames priority over computing processes.
 
     A kworker carries the bytes of a terminal to its reader, ksoftirqd frames to sockets. Both
     are ordinary processes, which never run while one in SCHED_FIFO computes; a reader, however

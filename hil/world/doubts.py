@@ -1,4 +1,4 @@
-"""Truth that differs from what the flight side declares, by what the flight side says of it."""
+"""Truth that differs from what the flight side declares, within the sigmas that it declares."""
 
 from collections.abc import Callable, Mapping
 from functools import partial

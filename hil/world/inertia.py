@@ -27,7 +27,7 @@ def six_of(matrix: FloatArray) -> FloatArray:
 
 
 def steiner(mass_kg: float, com_m: FloatArray) -> FloatArray:
-    """Return m (c.c 1 - c c^T) (3, 3): inertia about the origin less that about the CoM."""
+    """Return m (c.c 1 - c c^T) (3, 3): inertia about the origin minus that about the CoM."""
     return np.asarray(mass_kg * (com_m @ com_m * np.eye(3) - np.outer(com_m, com_m)))
 
 

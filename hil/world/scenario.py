@@ -246,7 +246,7 @@ def _document(path: Path) -> Document:
     """Return a validated scenario file. Raises ScenarioError with the kind of another file."""
     written = read_yaml(path)
     if kind := other_kind(written, Document):
-        raise ScenarioError(f"{path}: is no scenario but {kind}")
+        raise ScenarioError(f"{path}: is not a scenario but {kind}")
     return _validated(f"{path}", Document.model_validate, written)
 
 

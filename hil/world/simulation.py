@@ -37,7 +37,7 @@ def _code() -> bytes:
 
 
 def kept(make: Callable[P, TruthHistory]) -> Callable[P, TruthHistory]:
-    """Return a function that reads the stored result of an equal call by any process."""
+    """Return `make` with a store of results, which equal calls in all processes share."""
 
     @wraps(make)
     def read_or_make(*args: P.args, **kwargs: P.kwargs) -> TruthHistory:
@@ -84,7 +84,7 @@ def simulate_in(
             w_NB_B_rad_s=w_NB_B_rad_s,
         )
     if contact is not None:
-        raise ValueError("contact: not beside an environment")
+        raise ValueError("contact: not with an environment")
     from hil.world.environment.wrench import Environment  # imports numba: 0.25 s
 
     around = Environment(section, robot, start_s, end_s)

@@ -33,11 +33,11 @@ KINDS = {  # by the first word of other types of fault
     **dict.fromkeys(("dict", "model"), "a section of keys and values"),
 }
 UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
-OTHER_TEXTS = {b"\x89MCAP": "a recording; fsw identify takes it", b"<": "XML, such as a URDF"}
+OTHER_TEXTS = {b"\x89MCAP": "a recording; fsw identify reads it", b"<": "XML, such as a URDF"}
 OTHER_KEYS = {  # kind of a mapping that has the key and no `sensors`
     "control_points_rad": "a motion, as fsw excite plans one",
-    "buses": "a configuration of the daemon; fsw check takes it",
-    "joint_speed_rad_s": "the limits of a motion; fsw excite takes them",
+    "buses": "a configuration of the daemon; fsw check reads it",
+    "joint_speed_rad_s": "the limits of a motion; fsw excite reads them",
 }
 
 

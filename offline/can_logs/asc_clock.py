@@ -90,7 +90,7 @@ class AscClock:
         return notes
 
     def _read(self, number: int, text: str) -> tuple[int, list[str]]:
-        """Return a start [ns] and words on how well it is known."""
+        """Return a start [ns] and in words how well it is known."""
         try:
             found = _MOMENT.fullmatch(text.strip())
             moment, fraction = _local(found)

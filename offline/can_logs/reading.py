@@ -125,7 +125,7 @@ def _text(path: Path) -> tuple[_Rows, list[str]]:
     if unread.count > read:
         raise ConfigError(
             f"{path}: cannot be read as a CAN log: {unread.count} of {unread.count + read} lines "
-            f"are no frames, {first}"
+            f"are not frames, {first}"
         )
     return rows, log.notes + [f"lines not read: {unread.count}, {first}"] * bool(unread.count)
 

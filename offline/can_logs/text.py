@@ -83,7 +83,7 @@ class TextLog:
     _again: list[str] = field(default_factory=list)
 
     def repeat_header(self) -> None:
-        """Give the header once more, to a new reader."""
+        """Return the header again, for a new reader."""
         self._again = list(self.header)
 
     def accept(self) -> None:
@@ -187,7 +187,7 @@ def _refuse_broken(path: Path) -> None:
     elif head.startswith(_GZIP):
         fault = f"it is compressed; unpack it: gzip -d {path.name}"
     elif b"\0" in head:
-        fault = f"it is no text in ASCII or UTF-8; binary logs end with {', '.join(BINARY)}"
+        fault = f"it is not text in ASCII or UTF-8; binary logs end with {', '.join(BINARY)}"
     elif last != b"\n":
         fault = "its last line is cut off; end it with a newline, or remove it"
     if fault:
@@ -320,5 +320,5 @@ def _busmaster_start(path: Path, line: Line) -> tuple[int, int]:
         milliseconds = numbers[6] if len(numbers) > 6 else 0
         seconds, midnight = start.timestamp(), datetime(year, month, day).timestamp()  # noqa: DTZ001
     except (ValueError, OverflowError, OSError) as error:
-        raise ConfigError(f"{path}: line {line[0]}: {line[1][:100]!r} is no date") from error
+        raise ConfigError(f"{path}: line {line[0]}: {line[1][:100]!r} is not a date") from error
     return round(seconds * 1000 + milliseconds) * 10**6, round(midnight) * 10**9

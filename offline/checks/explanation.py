@@ -144,7 +144,7 @@ def _words(groups: Sequence[Sequence[_Tried]]) -> list[str]:
 
 
 def _small_offset(trial: Trial, fit: Fit) -> list[str]:
-    """Return words on a clock's offset that residuals of the size of the noise show, if any.
+    """Return in words a clock's offset that residuals of the size of the noise show, if any.
 
     The squared residuals of a correct configuration fall by about 1 if a shift is freed.
     """
@@ -194,7 +194,7 @@ def _without_one(trial: Trial) -> Iterator[list[Block]]:
 
 
 def _signs(trial: Trial, level: float) -> list[str]:
-    """Return words on the joints' sign that leaves residuals as small as noise, if there is one."""
+    """Return in words the wrong sign without which residuals are as small as noise, if any."""
     tried = _other_signs(trial)
     if not tried or tried[0].level > LARGE or _excess(tried[0].level) > EXPLAINED * _excess(level):
         return []
@@ -210,7 +210,7 @@ def _other_signs(trial: Trial) -> list[_Tried]:
 
 
 def _likelier_sign(trial: Trial, fit: Fit) -> tuple[list[str], str]:
-    """Return words on a sign that explains small residuals better: sure ones, or doubtful ones.
+    """Return texts about a sign that explains small residuals better: certain ones, a doubtful one.
 
     Wide priors, as those of friction, leave small residuals at a wrong sign of a light joint. No
     state is freed, so that the squared residuals of a correct configuration rise with any other.
@@ -280,7 +280,7 @@ def _sized(
 def _doubted(
     config: Config, problem: Problem, blocks: Sequence[Block], level: float
 ) -> tuple[float, str, str]:
-    """Return ratio and words on mounting and other values; a wrong mounting is estimated freely."""
+    """Return ratio, and in words wrong mounting and other values; a wrong mounting is estimated."""
     problem = with_doubtful_mounting(config, problem)
     fit = fitted(problem, blocks, FREED_ITERATIONS, plain=True)
     kind = contradicted(problem, fit.mean) if fit.has_settled else ""
@@ -293,7 +293,7 @@ def _doubted(
 
 
 def _freed_base(trial: Trial) -> tuple[float, str]:
-    """Return the ratio left if the known base is estimated, and words on the base found."""
+    """Return the ratio left if the known base is estimated, and that base in words."""
     config, problem = trial.config, trial.problem
     own = config.bodies.get("base")
     key = "the URDF's root link" if own is None else "bodies.base"

@@ -46,7 +46,7 @@ def contradicted(problem: Problem, x: FloatArray) -> str:
 
 
 def mounting_words(config: Config, problem: Problem, x: FloatArray) -> str:
-    """Return words on wrong keys of the mounting and their likely values; empty: none is wrong."""
+    """Return in words wrong keys of the mounting and their likely values; empty: none is wrong."""
     place, angle = x[problem.at("imu_place")], x[problem.at("imu_angle")]
     root = np.sqrt(np.diag(problem.prior_covariance))
     states = problem.at("imu_place"), problem.at("imu_angle")
@@ -70,7 +70,7 @@ def mounting_words(config: Config, problem: Problem, x: FloatArray) -> str:
 
 
 def other_words(problem: Problem, x: FloatArray) -> str:
-    """Return words on the value of arm or calibration that is farthest from its prior."""
+    """Return in words which value of arm or calibration is farthest from its prior."""
     name, sigmas = problem.least_plausible(x)
     kind, _, label = name.partition(".")
     what = BY_NAME[kind].mistake or kind

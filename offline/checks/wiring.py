@@ -156,7 +156,7 @@ def _signal_findings(
 
 
 def _misread(use: Use, frames: FrameArray, step: float, most: float) -> str:
-    """Return words on another way to read the bits of a signal that fits better; empty: none.
+    """Return in words a better way to read the bits of a signal; empty: there is none.
 
     Parameters
     ----------

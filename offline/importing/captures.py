@@ -132,7 +132,7 @@ def read_text(path: Path) -> str:
     try:
         text = path.read_text("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        words = error.strerror if isinstance(error, OSError) else "it is no text"
+        words = error.strerror if isinstance(error, OSError) else "it is not text"
         raise ConfigError(f"{path}: cannot be read: {words}") from error
     if not text.strip():
         raise ConfigError(f"{path}: is empty")
@@ -187,4 +187,4 @@ def _of_json(path: Path, text: str) -> Iterator[_Row]:
             row = json.loads(line, parse_float=Decimal)
             yield number, row[STAMP], row[DATA]
         except (ValueError, KeyError, TypeError, RecursionError) as error:
-            raise ConfigError(f"{path}: line {number}: no JSON with {STAMP} and {DATA}") from error
+            raise ConfigError(f"{path}: line {number}: not JSON with {STAMP} and {DATA}") from error

@@ -176,12 +176,12 @@ def _text(path: Path) -> str:
         except UnicodeDecodeError:
             text = data.decode("cp1252")  # older tools of Windows, whose header has a degree sign
     except (OSError, UnicodeDecodeError) as error:
-        words = error.strerror if isinstance(error, OSError) else "it is no text"
+        words = error.strerror if isinstance(error, OSError) else "it is not text"
         raise ConfigError(f"{path}: cannot be read: {words}") from error
     if not text.strip():
         raise ConfigError(f"{path}: is empty")
     if "\0" in text:
-        raise ConfigError(f"{path}: cannot be read: it is no text; a table program saves as CSV")
+        raise ConfigError(f"{path}: cannot be read: it is not text; a table program saves as CSV")
     return text
 
 
@@ -270,7 +270,7 @@ def _is_number(cell: str) -> bool:
 def _of_one_length(
     path: Path, rows: Sequence[_Row], width: int
 ) -> tuple[Sequence[_Row], list[str]]:
-    """Return the rows of the header's length, and words on others; empty cells at the end go."""
+    """Return the rows as long as the header, empty cells at the end removed; and notes on others."""
     for row in rows:
         while len(row.cells) > width and not row.cells[-1]:
             row.cells.pop()

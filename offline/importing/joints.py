@@ -103,7 +103,7 @@ def _refuse_apart(table: Parts, torque: Part, positions: FloatArray, torques: Fl
     if is_whole.any() and is_lost.any():
         column = torque.columns[int(is_lost.argmax())]
         raise ConfigError(
-            f"{table.path}: joints.torque: no {table.row} holds {column} beside all positions; "
+            f"{table.path}: joints.torque: no {table.row} holds {column} with all positions; "
             "join those of one time before the import"
         )
 

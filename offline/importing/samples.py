@@ -279,7 +279,7 @@ def _asked_once(notes: Sequence[str]) -> list[str]:
 
 
 def _rows(section: _Section, found: Found, values: FloatArray) -> tuple[np.ndarray, list[str]]:
-    """Return the rows that have what they need and a time, and words on the others."""
+    """Return the rows that have what they need and a time, and a text about the others."""
     table, stamps_s = section.table(None), section.stamps_s[:, 0]
     is_whole = np.isfinite(values).any(axis=1)
     if found.needed is not None:
@@ -309,7 +309,7 @@ def _rows(section: _Section, found: Found, values: FloatArray) -> tuple[np.ndarr
 
 
 def _never_whole(table: Parts, found: Found) -> str:
-    """Return words on columns that no row holds together."""
+    """Return in words which columns no row holds together."""
     topic = f" of {found.columns[0].partition('.')[0]}" * (table.row == "message")
     words = f"no {table.row}{topic} holds all of {' '.join(found.slots)}"
     is_known = np.isfinite(np.asarray(found.needed))

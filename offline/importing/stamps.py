@@ -109,7 +109,7 @@ def judged(
         f"{words}: {count}"
         for count, words in (
             (held, "repeat the row before, left out"),
-            (doubled, "at a time that is taken, left out"),
+            (doubled, "at the time of another row, left out"),
             (disordered, "out of order, sorted"),
         )
         if count

@@ -63,7 +63,7 @@ class Table:
         return list(self._columns.values)
 
     def described(self) -> str:
-        """Return the names of the columns, with what keeps one from being used."""
+        """Return the names of the columns, with the reasons why some cannot be used."""
         held = self._columns.values
         shapes: dict[str, tuple[int, ...]]
         shapes = {name: getattr(own, "shape", ()) for name, own in held.items()}
@@ -210,7 +210,7 @@ def _npz_columns(path: Path) -> Columns:
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
     if not is_archive:
-        words = "it is no archive, or cut off; write one with np.savez(path, t=t, q=q)"
+        words = "it is not an archive, or cut off; write one with np.savez(path, t=t, q=q)"
         raise ConfigError(f"{path}: cannot be read as .npz: {words}")
     try:
         with np.load(path, allow_pickle=False) as held:

@@ -47,7 +47,7 @@ class Ask:
             try:
                 return kind(answer)
             except ValueError as error:
-                sys.stderr.write(f"{flag}: {error}; once more\n")
+                sys.stderr.write(f"{flag}: {error}; try again\n")
 
     def require_all(self) -> None:
         """Raise ConfigError if flags are missing, with the words of the first and all names."""

@@ -31,13 +31,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--base",
         choices=("free", "planar", "clamped"),
-        help="what holds it: nothing, a level table, a bench",
+        help="what holds the base: nothing, a level table, a bench",
     )
     parser.add_argument("--target-mass-kg", type=float, metavar="M", help="half of it may be wrong")
     parser.add_argument("--imu", metavar="NAME", help="stim300, 3dm_cv7 ... or none; `init list`")
     parser.add_argument("--imu-xyz", type=float, nargs=3, metavar="M", help="its place in the base")
     parser.add_argument(
-        "--imu-rpy", type=float, nargs=3, metavar="RAD", help="its turn, as in a URDF"
+        "--imu-rpy", type=float, nargs=3, metavar="RAD", help="roll, pitch, yaw, as in a URDF"
     )
     parser.add_argument("--tracker", metavar="NAME", help="sagitta or none")
     parser.add_argument("--tracker-rpy", type=float, nargs=3, metavar="RAD")

@@ -67,7 +67,7 @@ def joint_groups(
 
 
 def gaps(columns: Sequence[str], joints: Sequence[str]) -> list[str]:
-    """Return words on each stem that more than half of the joints have, and not all."""
+    """Return a text for each stem that more than half of the joints have, but not all."""
     by_name, by_number = _by_stem(columns, joints)
     named = [
         f"{stem}: none of {', '.join(joint for joint in joints if joint not in held)}"

@@ -89,7 +89,7 @@ def init(arguments: argparse.Namespace) -> str:
 def described(
     arguments: argparse.Namespace, found_in: Callable[[RobotModel], Recorded | None]
 ) -> tuple[str, Recorded | None]:
-    """Return the text of the configuration, and what `found_in` says of a recording of the robot.
+    """Return the text of the configuration, and what `found_in` found in a recording of the robot.
 
     Answers that are found or have a default are stored in `arguments`.
 

@@ -60,7 +60,7 @@ def residuals(c: Collected) -> Section:
         )
     head = ("channel", "unit", "nodes", "rms", "mean / sigma", "rms / sigma")
     text = [
-        "Measured less predicted at the last state, at the nodes of every window. The band has "
+        "Measured minus predicted at the last state, at the nodes of every window. The band has "
         "teeth because the fit of a window is less certain at its first and last node. The "
         "spectrum of white noise of the stated sigma lies about 1 (noise of the joints' own "
         "derivatives lies lower at low frequencies); the histogram follows the normal density."

@@ -61,7 +61,7 @@ def codec_class(kind: str, driver: str) -> type:
     except _LOADING as error:
         raise ConfigError(f"{key}: {brief(driver)} cannot be loaded: {error}") from error
     if not (isinstance(codec, type) and hasattr(codec, "decode")):
-        raise ConfigError(f"{key}: {brief(driver)} is no class of a codec")
+        raise ConfigError(f"{key}: {brief(driver)} is not a codec class")
     return codec
 
 
@@ -98,7 +98,8 @@ def _made(kind: str, section: ImuConfig | StarTrackerConfig) -> object:
     except ValueError as error:
         raise ConfigError(f"{kind}.options: {error}") from error
     if missing := [name for name in NEEDED[kind] if not hasattr(made, name)]:
-        raise ConfigError(f"{kind}.driver: {section.driver} is no codec: no {', '.join(missing)}")
+        words = f"is not a codec: no {', '.join(missing)}"
+        raise ConfigError(f"{kind}.driver: {section.driver} {words}")
     return made
 
 

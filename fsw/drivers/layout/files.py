@@ -144,7 +144,7 @@ def _text(path: Path, suffixes: tuple[str, ...]) -> str:
     if suffix not in suffixes:
         raise ConfigError(f"{path}: ends in {suffix!r}; must end in {', '.join(suffixes)}")
     if not path.is_file():
-        raise ConfigError(f"{path}: is no file")
+        raise ConfigError(f"{path}: is not a file")
     try:
         with path.open("rb") as file:
             data = file.read(MOST_BYTES + 1)

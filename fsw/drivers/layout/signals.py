@@ -110,7 +110,7 @@ def _fault_of_selectors(signal: Signal, names: dict[str, Signal]) -> str:
     seen, at = {signal.name}, signal.selector
     while at:
         if at not in names:
-            return f"its multiplexer {at} is no signal of the message"
+            return f"its multiplexer {at} is not a signal of the message"
         if at in seen:
             return f"its multiplexer {at} depends on itself"
         seen.add(at)

@@ -132,7 +132,7 @@ class ClockModel:
 
         Returns
         -------
-        host times less `reference_ns` [ns] of the recorded items, up to the first that is not near
+        host times minus `reference_ns` [ns] of the recorded items, up to the first that is not near
         """
         found: list[float] = []
         t0_ns, tick_s, offset, slope = self._t0_ns, self._tick_s, self._offset_ns, self._slope

@@ -126,7 +126,7 @@ class DescribedSamples:
 
         Returns
         -------
-        samples; device, stamp and bytes of frames of a wrong length
+        The samples; and for each frame of a wrong length its device, stamp [ns] and size [bytes].
         """
         words = np.ascontiguousarray(frames["word"])
         for cues in self._cues.values():

@@ -40,7 +40,7 @@ class ImuSource:
     """One inertial unit.
 
     The unit's counter gives a sample its time, not the arrival. A clock model maps device time to
-    host time; it is fitted under all arrivals less latency field and serialisation time. A sample's
+    host time; it is fitted under all arrivals minus latency and serialisation time. A sample's
     time uses the chunks before the one with its last byte, and of that chunk only the bound of the
     sample itself. So the time is known at once and does not depend on junk.
     """
@@ -85,7 +85,7 @@ class ImuSource:
         return self._clock.rate_error_ppm
 
     def lacks(self) -> str:
-        """Return words on data that the unit has never sent, or never usable; empty: none."""
+        """Return in words which data the unit has never sent in usable form; empty: none."""
         if (words := self._codec.lacks()) or not self._counts.accepted:
             return words
         given = {"rates": self._has_rate, "accelerations": self._has_force}

@@ -39,7 +39,7 @@ class Counted:
 
     counter: int
     t_ns: int  # stamp of the chunk with the datagram's last byte
-    sent_ns: float  # t_ns less latency and serialisation time
+    sent_ns: float  # t_ns minus latency and serialisation time
     queued: int  # datagrams of the same chunk from this one on
     latency_ns: float = 0.0  # as the unit reports it
 

@@ -59,7 +59,7 @@ def to_bus(q_wxyz: Quaternion, q_BS_xyzw: Quaternion, rotation: str) -> Quaterni
 
 
 class StarTrackerSource:
-    """One star tracker; solutions are timed by the unit's stamp, or by arrival less latency."""
+    """One star tracker; solutions are timed by the unit's stamp, or by arrival minus latency."""
 
     def __init__(self, config: StarTrackerConfig, health: HealthConfig | None = None) -> None:
         health = health or HealthConfig()

@@ -31,7 +31,7 @@ NOTE = (
     "the error of {} is not that of a Gaussian: sigma is wider by the profile of its likelihood; "
     "method fused has narrower ones"
 )
-OPEN_NOTE = "the data do not limit {}: record another motion (fsw excite), or take method fused"
+OPEN_NOTE = "the data do not limit {}: record another motion (fsw excite), or use method fused"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

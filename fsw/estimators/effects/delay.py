@@ -57,7 +57,7 @@ BUS = StateGroup(  # of its joints' samples; of a single bus, that of the unit t
     is_steady=True,
     mistake="latch_offset_s of buses",
 )
-IMU = StateGroup(  # true delays less the configured ones
+IMU = StateGroup(  # true delays minus the configured ones
     name="imu_delay",
     effect="delays of the inertial unit",
     unit="s",

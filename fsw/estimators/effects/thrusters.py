@@ -33,7 +33,7 @@ FORCE = StateGroup(  # relative error of each thruster's force
     shared=0.5,  # one supply pressure
     mistake="force_n of thrusters",
 )
-DELAY = StateGroup(  # true delay less the configured one
+DELAY = StateGroup(  # true delay minus the configured one
     name="thrust_delay",
     effect="delay of thrusters",
     unit="s",
@@ -43,7 +43,7 @@ DELAY = StateGroup(  # true delay less the configured one
     is_calibration=True,
     mistake="delay_s of thrusters",
 )
-RISE = StateGroup(  # true rise time less the configured one
+RISE = StateGroup(  # true rise time minus the configured one
     name="thrust_rise",
     effect="rise of thrusters",
     unit="s",

@@ -46,7 +46,7 @@ SCALE = StateGroup(  # relative error of each wheel's axial inertia
     is_calibration=True,
     mistake="axial inertia of wheels",
 )
-DELAY = StateGroup(  # true delay less the configured one
+DELAY = StateGroup(  # true delay minus the configured one
     name="wheel_delay",
     effect="delay of wheels",
     unit="s",

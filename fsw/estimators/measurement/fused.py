@@ -57,7 +57,7 @@ def predict(
     """Predict every channel at the nodes of blocks from joint motion, with exact Jacobians.
 
     `rate` says where the base's angular velocity comes from: `momentum` predicts it (fused, CM),
-    `measured` uses the gyro less its bias (RDA as in the paper). `before` is the momentum gained
+    `measured` uses the gyro minus its bias (RDA as in the paper). `before` is the momentum gained
     from external moments up to the block.
     """
     s = as_true(block if isinstance(block, BlockStack) else BlockStack((block,)), x, problem)
@@ -128,7 +128,7 @@ def _ideal(
     G = field(s, problem)
     L_B, J_L, after = _momentum(s, x, problem, G, before)
     carried = problem.carrier(s, x)
-    if carried is not None:  # base and arm have the momentum less what is carried
+    if carried is not None:  # base and arm have the momentum minus what is carried
         L_B = L_B - carried.h_nms
         J_L = -carried.J_h if J_L is None else J_L - carried.J_h
     d = dynamics(s, x, problem, rate, (L_B, G, carried))

@@ -93,10 +93,10 @@ def pulled(problem: Problem) -> bool:
 def momentum_at_nodes(
     block: Block, x: FloatArray, problem: Problem, G: FloatArray, before: Impulse | None
 ) -> tuple[FloatArray, FloatArray, Impulse]:
-    """Return the momentum gained in N at the nodes (m, 3), its Jacobian (m, 3, p), and the end's.
+    """Return the momentum gained in N at the nodes (m, 3), its Jacobian (m, 3, p), and the impulse.
 
-    `G` (m, 3, 3) is the gravity-gradient field in base axes. A gap since `before` is bridged with
-    the moment at this block's first node.
+    The impulse is that at the end of the block. `G` (m, 3, 3) is the gravity-gradient field in base
+    axes. A gap since `before` is bridged with the moment at this block's first node.
     """
     W, J_W = _wrench(block, x, problem, G)
     centres = _centres(block, x, problem)

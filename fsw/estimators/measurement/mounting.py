@@ -29,7 +29,7 @@ def turn(x: FloatArray, problem: Problem) -> tuple[FloatArray, FloatArray]:
 
 
 def gyro_turn(x: FloatArray, problem: Problem) -> FloatArray:
-    """Return T (3, 3), from the gyro's reading less its bias to the true rate, both in base axes.
+    """Return T (3, 3), from the gyro's reading minus its bias to the true rate, both in base axes.
 
     T = R R_BS (1 + E) R_BS^T. The symmetric E holds the scale errors of the axes and the angles by
     which two axes lean to one another. A turn of all three axes is part of the mounting.

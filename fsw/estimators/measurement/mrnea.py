@@ -61,7 +61,7 @@ class Rows:
 def base_acceleration(
     block: Block | BlockStack, x: FloatArray, problem: Problem, G: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return w_NB_B (m, 3) less its bias, and the base's acceleration (m, 6) in B, linear first.
+    """Return w_NB_B (m, 3) minus its bias, and the base's acceleration (m, 6) in B, linear first.
 
     Both are corrected for the mounting. In free fall the linear acceleration is that of the base's
     origin, less gravity there: a_b = f_S - bias - wd x r - w x (w x r) + G r.

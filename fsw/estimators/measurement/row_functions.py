@@ -249,5 +249,5 @@ def row_function(method: str, weighting: str, problem: Problem) -> RowsFunction:
     if method not in functions:
         raise EstimatorError(f"method {method!r} is not one of {', '.join(functions)}")
     if method == "ce" and len(problem.switched):
-        raise EstimatorError("method 'ce' cannot take firings: they work on the whole's motion")
+        raise EstimatorError("method 'ce' cannot include firings: they move the whole robot")
     return functions[method]

@@ -2,7 +2,7 @@
 
 A panel turns about its hinge; liquid slides along one to three axes. Both hang on the base. The
 base's own inertial data include the modes at rest. In the released robot every mode is a body of
-its own, and the base has its own data less those of the modes. The states of a mode are s (relative
+its own, and the base has its data minus those of the modes. The states of a mode are s (relative
 error of its mass and modal inertia), f and d (logarithms of the factors on frequency and damping
 ratio). With M the mass of liquid or a panel's inertia about its hinge, w and zeta as configured:
 
@@ -243,7 +243,7 @@ def _warnings(config: Config) -> list[str]:
     return [
         f"modes.{i}.frequency_hz: {mode.frequency_hz:g} ({mode.name}) is above {most_hz:.3g}, the "
         f"most that estimator.nodes {estimator.nodes} in estimator.window_s {estimator.window_s:g} "
-        f"follow ({NODES_PER_PERIOD:g} nodes a period); take more nodes or a shorter window, or "
+        f"follow ({NODES_PER_PERIOD:g} nodes a period); use more nodes or a shorter window, or "
         "leave the mode out"
         for i, mode in enumerate(config.modes)
         if mode.frequency_hz > most_hz

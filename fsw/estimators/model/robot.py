@@ -188,7 +188,7 @@ class RobotModel:
         links = [f.name for f in self.model.frames if f.type == pin.FrameType.BODY]
         own = tuple(f"{sensor.name}." for sensor in self._sensors)
         names = [link for link in links if not link.startswith(own)]
-        raise ConfigError(f"{key}: {name!r} is no frame of {self._name}; it has {names}")
+        raise ConfigError(f"{key}: {name!r} is not a frame of {self._name}; it has {names}")
 
     def _lift_limits(self) -> None:
         """Replace the limits that mean none by infinity."""

@@ -144,7 +144,7 @@ GROUPS = (
         prior=_target_wrench,
         is_free=True,
     ),
-    StateGroup(  # true angle less the measured one
+    StateGroup(  # true angle minus the measured one
         name="joint_zero",
         effect="zeros of joints",
         unit="rad",
@@ -166,7 +166,7 @@ GROUPS = (
         is_calibration=True,
         is_repeated=True,
     ),
-    StateGroup(  # true place less p_BS_m
+    StateGroup(  # true place minus p_BS_m
         name="imu_place",
         effect="place of the inertial unit",
         unit="m",

@@ -96,7 +96,7 @@ def _carrying(root: ET.Element, sensor: WrenchSensor) -> ET.Element:
         )
     joint = joint or joints.get(sensor.frame)
     if joint is None:
-        raise ConfigError(f"{sensor.key}: {sensor.frame!r} is no link of the robot; it has {links}")
+        raise ConfigError(f"{sensor.key}: {sensor.frame!r} is not a link; the robot has {links}")
     return _child(joint)
 
 

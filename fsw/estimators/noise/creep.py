@@ -77,7 +77,7 @@ class Creep:
 
     @property
     def excess(self) -> FloatArray:
-        """Return the covariance (p, p) that the change adds: `moved` squared less noise."""
+        """Return the covariance (p, p) that the change adds: `moved` squared minus its noise."""
         return np.asarray(_share(self.sigmas) * np.outer(self.moved, self.moved), np.float64)
 
     @property
@@ -89,7 +89,7 @@ class Creep:
         return self.sigmas > REFUSED and self.harm > HARM
 
     def words(self) -> str:
-        """Return the change for an operator."""
+        """Return a text for an operator: what changes, by how much, and what to do."""
         course = "is not as declared" if self.onset is None else "changes within the run"
         group = group_of(self.name)
         cure = "" if group is None else f"; correct it, or state its doubt by {group.key}"

@@ -309,7 +309,7 @@ def _disagreement(
     """Return the squared whitened distance between two halves of the data, and its limit.
 
     At the estimate of both halves and the prior, the score of the first half is that of its own
-    noise less its share of everybody's noise.
+    noise minus its share of everybody's noise.
 
     Parameters
     ----------

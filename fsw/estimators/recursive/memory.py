@@ -183,7 +183,7 @@ class Memory:
 
         The pass includes blocks that were added since it began. It re-linearises them too if they
         depend on the blocks before them, because momentum and modes followed from its old point.
-        All at once take a quarter of the time of one after the other, and have the same rows.
+        Doing all at once takes a quarter of the time of one after the other; the rows are the same.
         """
         if self._pass is None:
             return False

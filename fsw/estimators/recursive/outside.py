@@ -187,7 +187,7 @@ class OutsideWatch:
         return float(chdtri(dof, self._false_alarm))
 
     def _innovation(self, block: Block, x: FloatArray, level: float) -> _Innovation | None:
-        """Return measured less predicted torque and specific force; None if they are missing."""
+        """Return measured minus predicted torque and specific force; None if they are missing."""
         if not block.has_gyro:
             return None
         s = BlockStack((block,))

@@ -1,6 +1,6 @@
 """Page's cumulative sum of chi-square excess, and the threshold for a wanted rate of false alarms.
 
-A block's excess is (NIS - dof) / sqrt(2 dof), capped; the sum over blocks of excess less a drift,
+A block's excess is (NIS - dof) / sqrt(2 dof), capped; the sum over blocks of excess minus a drift,
 never below zero, raises an alarm above a threshold. Its mean time to a false alarm L(s) from a sum
 s solves L(s) = 1 + E[L(max(0, s + excess - drift)); no alarm]. The sum is divided into cells, whose
 transitions follow from the chi-square distribution, so that L solves a linear system. Sources:

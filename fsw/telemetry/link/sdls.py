@@ -96,7 +96,7 @@ class FrameNumbers(Protocol):
     """Stores the lowest acceptable IV of each key, a number of 96 bits."""
 
     def floor(self, fingerprint: str) -> int:
-        """Return the lowest IV of a key that was never used."""
+        """Return the lowest IV that was never used with a key."""
         ...
 
     def is_retired(self, fingerprint: str) -> bool:

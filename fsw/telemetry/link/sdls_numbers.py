@@ -47,7 +47,7 @@ class NumberStore:
         self._keep({})
 
     def floor(self, fingerprint: str) -> int:
-        """Return the lowest IV of a key that was never used."""
+        """Return the lowest IV that was never used with a key."""
         return self._key(fingerprint).floor
 
     def is_retired(self, fingerprint: str) -> bool:

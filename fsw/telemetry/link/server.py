@@ -96,7 +96,7 @@ class LinkServer:
     def room_bytes(self) -> int:
         """Return how much of a long answer can be queued now [B].
 
-        This is a quarter of an outbox less the waiting bytes of the client that reads fastest.
+        This is a quarter of an outbox minus the waiting bytes of the client that reads fastest.
         """
         waiting = [client.outbox.waiting_bytes for client in self._clients]
         return max(0, self._config.queue_bytes // 4 - min(waiting, default=0))

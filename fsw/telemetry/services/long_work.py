@@ -17,7 +17,7 @@ Pieces = Iterable[Packet | None]  # a packet to send, or None: a piece that send
 class LongWork:
     """Does the work of long telecommands, at most `PIECES_PER_POLL` pieces in one poll.
 
-    Of each telecommand name only one runs at a time; another one is rejected as BUSY.
+    Only one telecommand of a name runs at a time; another one is rejected as BUSY.
     """
 
     def __init__(self, down: Downlink, executor: TelecommandExecutor) -> None:
@@ -26,12 +26,16 @@ class LongWork:
         self._left = PIECES_PER_POLL
 
     def action(self, request: Request, make: Callable[[], Pieces]) -> Action:
-        """Return the action that begins the work. Raises TcError BUSY while its name already runs.
+        """Return the action that begins the work.
 
         Parameters
         ----------
         make : returns the pieces; `make` and the pieces may raise TcError or OSError, and the
             telecommand then fails
+
+        Raises
+        ------
+        TcError BUSY while a telecommand of this name runs.
         """
         if request.telecommand.name in self._running:
             raise TcError(Error.BUSY, text="one is under way")

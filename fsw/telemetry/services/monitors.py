@@ -52,7 +52,7 @@ def check_table(table: MonitorsTable) -> None:
     """Raise ConfigError if a monitor names a value that telemetry does not contain."""
     unknown = [m.value for m in table.monitors if m.value not in NUMBERS]
     if unknown:
-        raise ConfigError(f"monitors.value: {unknown} are no numbers of the housekeeping sets")
+        raise ConfigError(f"monitors.value: {unknown} are not numbers of the housekeeping sets")
 
 
 class Monitoring:

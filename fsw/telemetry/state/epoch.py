@@ -15,7 +15,7 @@ class Epoch:
     Parameters
     ----------
     clock_id : another text after each start of the machine, which restarts the monotonic clock
-    utc_less_met_ns : time of day (CLOCK_REALTIME) less mission elapsed time [ns]
+    utc_less_met_ns : time of day (CLOCK_REALTIME) minus mission elapsed time [ns]
     uncertainty_ns : largest error of `utc_less_met_ns` [ns]; not stored
     synchronised : whether a source of UTC steers the time of day; not stored
     """

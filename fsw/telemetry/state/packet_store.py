@@ -66,7 +66,7 @@ class StoreSegment:
 def packet_time_ns(packet: bytes) -> int:
     """Return the time in a packet's secondary header [ns]. Raises ValueError when it has none."""
     if len(packet) < TM_HEADER_BYTES + CRC_BYTES:
-        raise ValueError(f"{len(packet)} bytes are no packet with a time")
+        raise ValueError(f"{len(packet)} bytes are not a packet with a time")
     return from_cuc(packet[_TIME])
 
 

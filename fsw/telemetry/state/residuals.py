@@ -1,4 +1,4 @@
-"""Residual joint torques of the newest window: measured torque less predicted torque.
+"""Residual joint torques of the newest window: measured torque minus predicted torque.
 
 The service process computes them, so that the loop spends no time on them.
 """

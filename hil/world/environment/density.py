@@ -31,7 +31,7 @@ def density_kg_m3(
     hour_angle_rad: FloatArray,
     activity: Activity,
 ) -> FloatArray:
-    """Return densities (k,) [kg/m^3]; `hour_angle_rad` is right ascension less the Sun's.
+    """Return densities (k,) [kg/m^3]; `hour_angle_rad` is right ascension minus the Sun's.
 
     Above the table the density is zero, because sunlight exceeds the air's force by far there.
 

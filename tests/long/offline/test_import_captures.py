@@ -154,7 +154,7 @@ FAULTS = {
     ("arm.asc", noise): "arm.asc: ",
     ("imu.csv", cut): "last line is cut off",
     ("imu.csv", empty): "is empty",
-    ("imu.csv", noise): "is no text",
+    ("imu.csv", noise): "is not text",
     ("imu.csv", turned): "time runs backwards 1 times",
     ("tracker.jsonl", cut): "last line is cut off",
     ("tracker.jsonl", turned): "time runs backwards",

@@ -76,8 +76,8 @@ def test_no_name_leads_out_of_the_directory(folder, tmp_path, name):
 @pytest.mark.parametrize(
     ("name", "why"),
     [
-        ("../up.bin", "no name below"),
-        ("/tmp/up.bin", "no name below"),
+        ("../up.bin", "not a name below"),
+        ("/tmp/up.bin", "not a name below"),
         ("missing/up.bin", "no such folder"),
         ("sub", "a folder itself"),
         ("loop/up.bin", "loop"),

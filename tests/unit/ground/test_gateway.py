@@ -253,7 +253,7 @@ def test_one_damaged_recording_takes_nothing_of_the_others(assets, tmp_path):
             events = await (await client.get("/history/events?start=0&end=1e15")).json()
             lines = [e["text"] for e in events if e["code"] == "RECORDING_DAMAGED"]
             assert sum("a.mcap: damaged" in line for line in lines) == 1, lines
-            assert "c.mcap: no MCAP file" in lines
+            assert "c.mcap: not an MCAP file" in lines
             for name in ("e", "f", "g"):
                 assert f"{name}.mcap: 2 messages with invalid content" in lines
 

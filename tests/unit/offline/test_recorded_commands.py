@@ -26,6 +26,6 @@ from offline.replay import _plan
 )
 def test_a_command_of_wrong_content_ends_in_one_line(data: bytes):
     planned = SimpleNamespace(dispatcher=SimpleNamespace(plan=lambda *_: None))
-    with pytest.raises(ConfigError, match="no command of this software") as error:
+    with pytest.raises(ConfigError, match="not a command of this software") as error:
         _plan(planned, [RecordedMessage(7, (0,), "/tc", data)], None)
     assert len(str(error.value)) < 400

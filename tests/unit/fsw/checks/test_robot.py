@@ -18,7 +18,7 @@ def test_a_missing_robot_file_is_named(arm):
 def test_a_robot_file_that_is_no_urdf_is_one_line(arm, text, capfd):
     arm.urdf = text
     message = fault(arm)
-    assert_named(message, "robot.urdf", "is no URDF")
+    assert_named(message, "robot.urdf", "is not a URDF")
     assert len(message.splitlines()) == 1
     assert capfd.readouterr().err == ""
 

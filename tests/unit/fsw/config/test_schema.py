@@ -100,7 +100,7 @@ def test_keys_that_do_not_go_with_the_encoder_are_told(changes, message):
     ("estimator", "key"),
     [
         ({"method": "mrnea"}, "estimator.method: 'mrnea' needs the position of every joint"),
-        ({"external_force_sigma_n": 1.0}, "estimator.external_force_sigma_n: is not known beside"),
+        ({"external_force_sigma_n": 1.0}, "estimator.external_force_sigma_n: is not known if"),
     ],
 )
 def test_what_does_not_go_with_integrated_angles_is_told(estimator, key):

@@ -143,7 +143,7 @@ def test_a_part_of_another_recording_is_refused(arm: ArmProject, tmp_path: Path)
     _, stale = record(arm, old, 2)
     (first,) = record(arm, new, 1)
     stale.rename(new / stale.name)
-    with pytest.raises(ConfigError, match=r"recording_0001_0002.mcap: is no part of"):
+    with pytest.raises(ConfigError, match=r"recording_0001_0002.mcap: is not a part of"):
         parts_of(first)
 
 

@@ -62,7 +62,7 @@ def test_errors_from_the_truth_are_drawn_with_three_sigma_and_units(tmp_path, bo
     assert f'class="valid">VALID; NEES 9.4 for {10 * len(bodies)} parameters' in text
     assert text.index("VALID") < text.index("<h2>")
     assert "&lt;/script&gt;flight" in text
-    errors = [chart for chart in charts if "less truth" in chart["title"]]
+    errors = [chart for chart in charts if "minus truth" in chart["title"]]
     assert len(errors) == 10 * len(bodies)  # a chart per quantity
     mass = errors[0]["lines"][0]
     found = [point.reports[bodies[0]][0] - TRUTH[0] for point in told.points]
@@ -84,4 +84,4 @@ def test_a_run_that_is_not_valid_or_has_no_estimate_says_so(tmp_path):
     save(story(("target",), 0), told, REST, tmp_path / "report.html")
     text, charts = charts_of(tmp_path / "report.html")
     assert 'class="">NOT VALID: NO_ESTIMATE; NEES' in text
-    assert not [chart for chart in charts if "less truth" in chart["title"]]
+    assert not [chart for chart in charts if "minus truth" in chart["title"]]

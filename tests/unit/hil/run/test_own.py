@@ -172,7 +172,7 @@ def test_a_device_that_the_world_lacks_is_a_mismatch(tmp_path):
     [
         (["--devices", "x.yaml"], "--devices: needs --config"),
         (["--devices", "x.yaml", "--doubts"], "--devices: needs --config"),
-        (["--truth", "x.npz", "--doubts"], "--truth: not beside --config or --doubts"),
+        (["--truth", "x.npz", "--doubts"], "--truth: not with --config or --doubts"),
         (["--config", "x.yaml"], "x.yaml: cannot be read"),
         (["--config", "x.yaml", "--set", "flight.tick_rate_hz=250"], "--config is given; set it"),
     ],

@@ -99,7 +99,7 @@ def test_the_case_of_a_suffix_does_not_matter(tmp_path, suffix):
     ("data", "words"),
     [
         (gzip.compress(b"(1.0) can0 191#01\n", mtime=0), "is compressed; unpack it: gzip -d"),
-        ("(1.0) can0 191#01\n".encode("utf-16"), "is no text in ASCII or UTF-8"),
+        ("(1.0) can0 191#01\n".encode("utf-16"), "is not text in ASCII or UTF-8"),
     ],
 )
 def test_a_log_that_is_no_text_is_said_to_be_none(tmp_path, data, words):

@@ -62,7 +62,7 @@ def test_stamps_that_contradict_the_declared_rate_are_refused(tmp_path, rows, wo
         ("imu.csv", "stamp_s,hex\nNaN,a5\n", "must be seconds and hexadecimal bytes"),
         ("imu.csv", f"stamp_s,hex\n1,{'a' * 200_000}\n", "line 2: field larger than"),
         ("imu.csv", f"{'a' * 200_000},hex\n1,a5\n", "line 1: field larger than"),
-        ("imu.jsonl", '{"stamp_s": ' + "[" * 100_000 + "\n", "line 1: no JSON"),
+        ("imu.jsonl", '{"stamp_s": ' + "[" * 100_000 + "\n", "line 1: not JSON"),
         ("imu.jsonl", '{"stamp_s": 1e999999999, "hex": "a5"}\n', "must be seconds"),
         ("imu.jsonl", '{"stamp_s": 1, "hex": 5}\n', "must be seconds and hexadecimal bytes"),
         ("imu.jsonl", '{"stamp_s": {}, "hex": "a5"}\n', "must be seconds and hexadecimal bytes"),

@@ -212,7 +212,7 @@ def test_torques_that_never_come_with_positions_are_refused(tmp_path: Path) -> N
         for name in table:
             if name.startswith("q_" if row % 2 else "tau_"):
                 table[name][row] = ""
-    with pytest.raises(ConfigError, match="no row holds tau_joint1 beside all positions"):
+    with pytest.raises(ConfigError, match="no row holds tau_joint1 with all positions"):
         channel(config, tmp_path, "joints", table)
 
 

@@ -48,7 +48,7 @@ def test_objects_in_an_archive_do_not_hide_its_numbers(tmp_path: Path) -> None:
 @pytest.mark.parametrize("data", [b"\x93NUMPY\x01\x00", pickle.dumps({"t": 1}), b"PK\x03\x04"])
 def test_what_is_no_archive_says_how_to_write_one(tmp_path: Path, data: bytes) -> None:
     (tmp_path / "a.npz").write_bytes(data)
-    with pytest.raises(ConfigError, match=r"it is no archive, or cut off; .*np\.savez") as said:
+    with pytest.raises(ConfigError, match=r"it is not an archive, or cut off; .*np\.savez") as said:
         Table(tmp_path / "a.npz")
     assert "pickle" not in str(said.value)
 

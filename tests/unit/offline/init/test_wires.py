@@ -320,7 +320,7 @@ def test_a_feed_needs_no_description(folder, capsys):
     [
         (["--bus", "robot.dbc"], "--bus: 'robot.dbc' must be NAME=FILE"),
         (["--bus", "a b={}/robot.dbc"], "buses.0.name"),
-        (["--bus", "arm={}/nothing.dbc"], "--bus: {}/nothing.dbc: is no file"),
+        (["--bus", "arm={}/nothing.dbc"], "--bus: {}/nothing.dbc: is not a file"),
         (["--bus", "arm={}/few.dbc"], "positions of axis1, axis2, axis3"),
         (["--bus", "arm={}/few.dbc"], "Status.Angle: 2 for 3 joints"),
         (["--bus", "arm={}/few.dbc"], "it has: Drive1_Command.Position_Target, "),

@@ -101,7 +101,7 @@ def test_a_package_that_cannot_be_loaded_hurts_no_other(foreign: Path):
     assert "No module named 'no_such_module'" in codec_listing()
     for driver, words in {
         "missing": "imu.driver: 'missing' cannot be loaded: No module named 'no_such_module'",
-        "nothing": "imu.driver: 'nothing' is no class of a codec",
+        "nothing": "imu.driver: 'nothing' is not a codec class",
     }.items():
         with pytest.raises(ConfigError, match=words):
             entries.imu_codec(imu_config(driver=driver))
@@ -119,7 +119,7 @@ def test_one_name_of_two_packages_is_refused(foreign: Path):
     [
         ({"driver": "stim30"}, "imu.driver: 'stim30'; did you mean 'stim300'? installed are"),
         ({"driver": "no_module:Codec"}, "imu.driver: 'no_module:Codec' cannot be loaded"),
-        ({"driver": "pathlib:PurePath"}, "'pathlib:PurePath' is no class of a codec"),
+        ({"driver": "pathlib:PurePath"}, "'pathlib:PurePath' is not a codec class"),
         ({"driver": "kvh"}, "imu.options.rotation: missing"),
         ({"driver": "stim300", "options": {"speed": 1}}, "imu.options.speed: unknown key"),
         (

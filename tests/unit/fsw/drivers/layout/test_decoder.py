@@ -143,7 +143,7 @@ def one(**changes: object) -> Signal:
         ((one(start=-1),), "m.s: 8 bits from -1 on leave"),
         ((one(scale=math.inf),), "m.s: scale inf, offset 0; must be finite and not 0"),
         ((one(scale=0),), "m.s: scale 0, offset 0; must be finite and not 0"),
-        ((one(selector="x"),), "m.s: its multiplexer x is no signal of the message"),
+        ((one(selector="x"),), "m.s: its multiplexer x is not a signal of the message"),
         ((one(selector="s"),), "m.s: its multiplexer s depends on itself"),
         ((one(), one(name="t", start=7, bits=2)), "m.t: overlaps s"),
     ],

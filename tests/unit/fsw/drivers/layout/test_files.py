@@ -137,7 +137,7 @@ def big(count: int) -> bytes:
     ("name", "content", "words"),
     [
         ("robot.txt", b"", "ends in '.txt'; must end in .dbc, .kcd, .sym, .arxml"),
-        ("robot.dbc", None, "is no file"),
+        ("robot.dbc", None, "is not a file"),
         ("robot.dbc", b"\x7fELF\0\0" * 100, "is binary, not a description in text"),
         ("robot.dbc", b"\xff\xfe\x81" * 100, "cannot be read: "),
         ("robot.dbc", b"BO_ 1 A: 8", "cannot be read: "),

@@ -174,5 +174,5 @@ def test_a_block_without_attitude_uses_no_momentum_and_mrnea_no_changing_thrust(
     assert len(row_function("mrnea", "eiv", problem)(block, x).b) == 7 * NODES
     steady = replace(block, edges=edges_of([(3, -2.0, np.inf)], 0.0))
     assert len(row_function("mrnea", "eiv", problem)(steady, x).b) == 13 * NODES
-    with pytest.raises(EstimatorError, match="cannot take firings"):
+    with pytest.raises(EstimatorError, match="cannot include firings"):
         row_function("ce", "eiv", problem)

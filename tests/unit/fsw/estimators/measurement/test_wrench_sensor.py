@@ -213,7 +213,7 @@ def test_links_beyond_the_sensor_are_bodies_of_their_own():
 def test_a_frame_that_no_joint_moves_is_refused():
     with pytest.raises(ConfigError, match=r"wrench_sensors\.0\.frame: 'base' is the root link"):
         RobotModel(URDF, "tool", None, [sensor("base")])
-    with pytest.raises(ConfigError, match=r"wrench_sensors\.0\.frame: 'hand' is no link"):
+    with pytest.raises(ConfigError, match=r"wrench_sensors\.0\.frame: 'hand' is not a link"):
         RobotModel(URDF, "tool", None, [sensor("hand")])
 
 
