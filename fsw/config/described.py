@@ -9,9 +9,9 @@ from fsw.config.signals import BY_SYNC, DESCRIBED, Describable
 
 
 def devices_go_with(buses: Sequence[BusConfig], devices: Mapping[str, Describable]) -> None:
-    """Raise ValueError for a device without its bus, or that its bus does not suit.
+    """Raise ValueError for a device whose bus does not exist, or does not suit it.
 
-    `devices`: all that have a key `bus`, by their places.
+    `devices`: sections of all devices with a key `bus`, by the place of each.
     """
     names = sorted(bus.name for bus in buses)
     for at, own in devices.items():

@@ -335,7 +335,7 @@ def minute_walk(joint: JointConfig, rate_hz: float) -> float:
 
 
 def linear(key: str) -> str:
-    """Return a revolute joint's key as a prismatic joint has it: m for rad, N for N m."""
+    """Return the prismatic joint's name of a revolute joint's key: m for rad, N for N m."""
     for unit, other in (
         ("_nms_rad", "_ns_m"),
         ("_kg_m2", "_kg"),

@@ -17,8 +17,8 @@ class NodeSetup:
 
     Parameters
     ----------
-    node_id : of the node
-    name : of the joint, for events
+    node_id : CANopen number of the node
+    name : name of its joint, for events
     begin : begins the dialogue, which ends with a fault in words, or without one
     """
 

@@ -50,9 +50,9 @@ class StateGuard:
         self._ended.set()
 
     def look(self) -> None:
-        """Check once that the lock is that of the file in the directory; if not, take it again.
+        """Check once that the lock is that of the file in the directory; if not, lock it again.
 
-        A fault is one that the next look finds too: the directory may just be being removed.
+        A fault counts if the next check finds it too: somebody may be removing the directory.
         """
         fault: Fault | None = None
         try:

@@ -18,8 +18,8 @@ def prepare(
     Parameters
     ----------
     cpu : the only processor to run on; None: any
-    priority : of SCHED_FIFO; 0: none
-    keys : names of these two in the configuration's section `scheduler`
+    priority : SCHED_FIFO priority; 0: ordinary scheduling
+    keys : keys of processor and priority in the section `scheduler`, for messages
     """
     refused = []
     libc = ctypes.CDLL(None, use_errno=True)

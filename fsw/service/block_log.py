@@ -44,7 +44,7 @@ class BlockLog:
             self._has_failed = False
 
     def begin_again(self) -> None:
-        """Begin a new store with the next block, because somebody has removed the file."""
+        """Begin a new store with the next block, because the file was removed."""
         self._writer = None
 
     def _fail(self, error: Exception) -> None:

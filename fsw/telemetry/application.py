@@ -187,7 +187,7 @@ class TelemetryApplication:
         self.context.boot.keep(store, running=False, commanded=commanded)
 
     def state_removed(self) -> None:
-        """Make again what must be in the state directory, after somebody has removed it."""
+        """Make again what must be in the state directory, which was removed."""
         context = self.context
         with suppress(OSError):  # the files of others are made when they are written
             self.filing.make_folder()

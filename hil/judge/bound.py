@@ -142,7 +142,7 @@ class Summed:
     motion : true (q, qd, qdd)
     R_NB : (k, 3, 3) attitude of the base, needed for a momentum only; None: constant
     applied : (k,) what acts on the base; None: nothing
-    doubts : what is not known of it
+    doubts : unknown errors of what acts on the base
     encoders : what shows the joints' motion; None: it is known exactly
     """
 

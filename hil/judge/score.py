@@ -109,8 +109,8 @@ def both_bounds(
 ) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
     """Return `bound_sigmas` for a motion known exactly, and for one that encoders show.
 
-    `state` is the truth of the run sampled at BOUND_RATE_HZ, `doubts` what is not known of what
-    moves its base.
+    `state` is the truth of the run sampled at BOUND_RATE_HZ, `doubts` the unknown errors of wheels
+    and thrusters.
     """
     x, motion = stacked(truth, list(priors)), (state.q, state.qd, state.qdd)
     applied = applied_in(robot, x, state)

@@ -39,7 +39,7 @@ def own_world(
 
     Raises
     ------
-    ConfigError if a file is no configuration; ScenarioError if it does not match the world.
+    ConfigError if a file is not a configuration; ScenarioError if it does not match the world.
     """
     if path is None:
         return scenario, None

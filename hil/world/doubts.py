@@ -29,9 +29,9 @@ def spread(report: FloatArray, S: FloatArray) -> FloatArray:
 
 
 def drawn_body(report: FloatArray, ratio: float, rng: np.random.Generator) -> FloatArray:
-    """Return a body whose mass is uncertain by a ratio, and the rest as `links_sigma_ratio` says.
+    """Return a body drawn about a report (10,), within `ratio` as `links_sigma_ratio` defines it.
 
-    A body without extent in some direction stays as it is.
+    A body without extent in some direction is returned unchanged.
     """
     while is_physical(report) and ratio > 0.0:
         N = rng.standard_normal((4, 4))
@@ -48,8 +48,8 @@ def drawn_links(
 
     Parameters
     ----------
-    ratios : by name of the joint that moves a link; "": of what is fixed to the root
-    seeded : returns the random stream of the link with a number
+    ratios : ratio by name of the joint that moves a link; "": of links that are fixed to the root
+    seeded : returns the random stream of a link by its number
     """
     joint_of: dict[str, str] = {}
     changes = {}

@@ -38,7 +38,7 @@ def _is_angle(value: object) -> bool:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DescribedConfig:
-    """How a joint's drive speaks that a description gives; keys are those of a configuration."""
+    """Frames of a joint's drive, by a description; keys are those of a configuration."""
 
     __pydantic_config__ = STRICT
     signals: Mapping[str, Mapping[str, Any]]  # by role: message, signal, unit

@@ -23,7 +23,7 @@ class _Kind(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     def longer_s(self) -> float:
-        """Return by how much the motion takes longer [s]."""
+        """Return by how much longer the motion lasts [s]."""
         return 0.0
 
     def own_time(self, t_s: FloatArray) -> Evaluated:
@@ -48,7 +48,7 @@ class Stop(_Kind):
         return self.for_s + self.in_s
 
     def own_time(self, t_s: FloatArray) -> Evaluated:
-        """Return a time that stands still in between."""
+        """Return the time in the planned motion, which stands still in the stop; derivatives."""
         down = np.clip((t_s - self.at_s) / self.in_s, 0.0, 1.0)
         up = np.clip((t_s - self.at_s - self.in_s - self.for_s) / self.in_s, 0.0, 1.0)
         lost, slower, harder = (a - b for a, b in zip(_step(down), _step(up), strict=True))
@@ -69,7 +69,7 @@ class Steps(_Kind):
     period_s: Positive = 0.5
 
     def own_time(self, t_s: FloatArray) -> Evaluated:
-        """Return a time that stands still once in each period."""
+        """Return the time in the planned motion, which stands still once a period; derivatives."""
         rate = 2.0 * np.pi / self.period_s
         return (
             t_s - np.sin(rate * t_s) / rate,

@@ -62,8 +62,8 @@ def read_can_log(path: Path, channel: str | None = None) -> CanLog:
 
     Raises
     ------
-    ConfigError when the log cannot be read, is cut off, or has no frame or not this channel, when
-    its stamps are no times, or when most of its lines are no frames.
+    ConfigError when the log cannot be read, is cut off, has no frame or lacks this channel, when
+    its stamps are not times, or when most of its lines are not frames.
     """
     try:
         if path.suffix.lower() in BINARY:

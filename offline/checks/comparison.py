@@ -33,7 +33,7 @@ class Comparison:
 def with_found(config: Config, comparisons: Sequence[Comparison]) -> Config:
     """Return the configuration with the found values that are to be adopted.
 
-    A value that a configuration must not have leaves it as it is.
+    If it would not be valid with them, return it unchanged.
     """
     wrong = [own for own in comparisons if own.adopted]
     if not wrong:

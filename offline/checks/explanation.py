@@ -165,7 +165,7 @@ class Unexplained:
 
     Attributes
     ----------
-    words : on a clock's offset if the residuals are small, and else on a sign
+    words : texts about a clock's offset if the residuals are small, otherwise about a sign
     one_sensor : whether the data may fit if one sensor is left out, here or elsewhere
     """
 

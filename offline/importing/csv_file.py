@@ -270,7 +270,7 @@ def _is_number(cell: str) -> bool:
 def _of_one_length(
     path: Path, rows: Sequence[_Row], width: int
 ) -> tuple[Sequence[_Row], list[str]]:
-    """Return the rows as long as the header, empty cells at the end removed; and notes on others."""
+    """Return the rows as long as the header, empty cells at the end removed; notes on others."""
     for row in rows:
         while len(row.cells) > width and not row.cells[-1]:
             row.cells.pop()

@@ -54,7 +54,7 @@ class Section(Protocol):
 
     @property
     def count(self) -> int | None:
-        """Number of the stamps; None: there are none yet."""
+        """Number of stamps; None: no table of the section has been read yet."""
         ...
 
     @property

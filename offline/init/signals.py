@@ -88,7 +88,8 @@ def unit_of(signal: Signal, role: Role, kind: str, rated_torque_nm: float) -> Un
 
     Parameters
     ----------
-    rated_torque_nm : a guess
+    kind : kind of the joint: `revolute` or `prismatic`
+    rated_torque_nm : guess of the rated torque, for a torque in shares of it
     """
     unit, known = plain_unit(signal.unit), (UNITS if kind == "revolute" else LINEAR)[role]
     is_raw = not unit and signal.scale == 1 and signal.number != "float"

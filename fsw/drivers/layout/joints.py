@@ -188,7 +188,7 @@ def _torque_step_nm(joint: JointConfig, layout: Layout | None) -> float:
 
 
 def position_step_rad(joint: JointConfig, layout: Layout) -> float:
-    """Return the resolution of a joint's encoder; of a float, the one that its noise may hide."""
+    """Return the resolution of a joint's encoder; for a float, that of equal noise [rad or m]."""
     use = layout.use(POSITION)
     if use is None or use.signal.number == "float":
         return joint.position_noise_rad * sqrt(12.0)

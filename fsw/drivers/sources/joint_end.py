@@ -81,7 +81,7 @@ class JointEnd:
 
         Parameters
         ----------
-        usable, in_time : (k,); None: all in time
+        usable, in_time : (k,) which values are usable, and which came in time; None: all did
         """
         joint = raw.joint
         position, torque = self.calibration.apply(joint, raw.position, raw.torque)

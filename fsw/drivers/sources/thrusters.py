@@ -111,7 +111,7 @@ class ThrusterBusSource:
 
     Parameters
     ----------
-    layouts : by index of the thruster; those of tailored nodes are left out
+    layouts : layout by index of the thruster; tailored nodes have none
     """
 
     kind = "thrusters"

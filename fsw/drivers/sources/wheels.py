@@ -43,7 +43,7 @@ class WheelBusSource:
 
     Parameters
     ----------
-    layouts : by index of the wheel; those of tailored nodes are left out
+    layouts : layout by index of the wheel; tailored nodes have none
     """
 
     kind = "wheels"

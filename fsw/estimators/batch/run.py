@@ -78,7 +78,7 @@ class _Found:
     covariance: FloatArray  # (p, p)
     note: str
     biased: bool
-    level: float  # variance of the noise over the declared one
+    level: float  # ratio of the noise's variance to the declared one
     used: Sequence[Block]
     residuals: Sequence[FloatArray]  # whitened, block by block
 

@@ -37,7 +37,7 @@ def fits_throughout(
 
     Parameters
     ----------
-    result : of `run_batch`; one that left blocks out, or is not valid, does not fit
+    result : result of `run_batch`; one that left blocks out, or is not valid, does not fit
     problem, x, covariance, fused : as given to `keep`: whole state (p,), (p, p), and rows there
     """
     if result["status"] not in SETTLED or result["gated"] or not fused:

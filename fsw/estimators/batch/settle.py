@@ -123,8 +123,8 @@ def fit(found: Sequence[tuple[FloatArray, int]], level: float, probability: floa
     Parameters
     ----------
     found : per block its whitened residuals (r,), and how many of the last ones are of its edge
-    level : variance of the noise over the declared one
-    probability : of rejecting a block that fits
+    level : ratio of the noise's variance to the declared one
+    probability : probability of rejecting a block that fits
     """
     fits, follows = list[bool](), False
     for b, edge in found:
@@ -147,7 +147,7 @@ def _fitted(problem: Problem, solution: BatchSolution) -> float:
 def _noise(
     problem: Problem, residuals: Sequence[FloatArray], solution: BatchSolution
 ) -> InnovationMonitor:
-    """Return the variance of the noise over the declared one, by the online estimator's rule."""
+    """Return the ratio of the noise's variance to the declared one, by the online estimator's rule."""
     monitor, longest = InnovationMonitor(0.0), max(map(len, residuals))
     means = np.array([float(b @ b) / len(b) for b in residuals if len(b) == longest])
     fitted = _fitted(problem, solution)

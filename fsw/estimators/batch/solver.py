@@ -50,7 +50,7 @@ class Target:
     ----------
     linear : rows of all blocks
     fits : which blocks count; None: all
-    level : variance of the noise over the declared one
+    level : ratio of the noise's variance to the declared one
     """
 
     def __init__(

@@ -65,13 +65,13 @@ class NodeFit:
     ----------
     t_s : (k,) sample times relative to the window's centre [s], or (windows, k)
     half_width_s : half the window [s]
-    degree : of the polynomial, k > degree
+    degree : degree of the polynomial, below k
     nodes : number of Gauss-Legendre nodes
     within : fit of a higher degree at the same instants; its factors contain those of this fit
 
     Attributes
     ----------
-    degree, samples : of the polynomial; number k of instants
+    degree, samples : degree of the polynomial; number k of instants
 
     Raises
     ------
@@ -149,7 +149,7 @@ class WindowFit:
 
     Attributes
     ----------
-    fit : of the stack, or of this window alone
+    fit : fit of the stack, or of this window alone
     at : index of the window in the stack
     """
 

@@ -80,7 +80,7 @@ class SpeedMotion:
         ----------
         motion : (3, m, n) positions (of `own` from the window's start), rates, accelerations;
             changed in place
-        fits : of each joint's samples
+        fits : polynomial of each joint's samples in the window
 
         Returns
         -------

@@ -72,7 +72,7 @@ class Wanted:
     ----------
     values : (k, channels times width) samples; rows that are not finite are not used
     sigmas : (channels,) noise of a sample, by which outliers are judged
-    orders : of the derivatives wanted at the nodes
+    orders : orders of the derivatives wanted at the nodes
     min_fill : share of the samples that must be finite
     samples : periods in a window, if mean products of the highest polynomial's residuals are
         wanted; 0: they are not

@@ -25,7 +25,7 @@ class WrenchSensor:
 
     Attributes
     ----------
-    name : of the sensor
+    name : name of the sensor
     key : configuration key of `frame`
     frame : link that the sensor carries, or the joint that moves this link
     p_FS_m, rpy_FS_rad : origin and axes of S in the frame of that link

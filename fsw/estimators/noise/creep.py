@@ -64,9 +64,9 @@ class Creep:
     ----------
     name : the state that seems to change
     onset : where the change begins, as a share of the blocks; None: it is off from the start
-    sigmas : of its score
-    moved : (p,) by how much it moves the estimate
-    harm : the same of the bodies, in sigmas of the estimate
+    sigmas : score of the change, in its own sigmas
+    moved : (p,) by how much the change moves the estimate
+    harm : by how much it moves a body's parameter, at most, in sigmas of the estimate
     """
 
     name: str
@@ -112,13 +112,14 @@ def changes(
     covariance: FloatArray,
     level: float,
 ) -> Iterator[Creep]:
-    """Yield what noise does not explain at the estimate of blocks, oldest first.
+    """Yield the changes of sensors that show in the residuals of an estimate.
 
     Parameters
     ----------
-    scores, count : of the blocks, and their number
+    scores, count : scores of the blocks, oldest first, and their number
+    x : (p,) the estimate
     covariance : (p, p) of the estimate if the residuals are white
-    level : variance of the noise over the declared one
+    level : ratio of the noise's variance to the declared one
     """
     if count < LEAST_BLOCKS or problem.watched is None:
         return

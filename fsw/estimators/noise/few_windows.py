@@ -25,7 +25,7 @@ def student(dof: FloatArray) -> FloatArray:
 
 
 def few_windows(levels: FloatArray, parameters: float, rows: int) -> tuple[float, float]:
-    """Return the noise's variance over the declared one, and Student's factor on it.
+    """Return the ratio of the noise's variance to the declared one, and Student's factor on it.
 
     Parameters
     ----------

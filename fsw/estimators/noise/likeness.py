@@ -75,7 +75,7 @@ def likeness(
     jacobians, residuals : whitened rows A (m, p) and b (m,) per block, oldest first; blocks with
         fewer rows than most, where a channel was missing, count as white
     covariance : (p, p) of the estimate if the residuals were white
-    level : variance of the noise over the declared one
+    level : ratio of the noise's variance to the declared one
     nodes : number of nodes per block. The rows of a node stand together, in the same order at
         each node. Where their number is no multiple of `nodes`, each row is a kind of its own
     edges : per block how many of its last rows are of its edge; each of them is a kind of its own
@@ -169,7 +169,7 @@ def unexplained(rows: Iterable[Rows], blocks: Sequence[Block], nodes: int) -> fl
 
     Parameters
     ----------
-    rows : of each block, with the root of their noise covariance, at the estimate
+    rows : rows of each block at the estimate, with the root of their noise covariance
     nodes : number of nodes per block
     """
     found = [

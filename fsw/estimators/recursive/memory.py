@@ -86,7 +86,7 @@ class Memory:
     ----------
     prior : information without data
     data : information of the data alone, singular until there are enough data
-    information : of both
+    information : information of prior and data
     at : (p,) point of the running or last pass, or of the last one found not worth its time
     passes : passes completed
     rows : rows folded in since the restart

@@ -122,7 +122,7 @@ class OutsideWatch:
         ----------
         x : (p,) the estimate
         covariance_root : (p, p) of the estimate
-        level : noise variance over the declared one
+        level : ratio of the noise variance to the declared one
         """
         undecided = Verdict.OUTSIDE if self._in_question else Verdict.FITS
         found = self._innovation(block, x, level)

@@ -269,7 +269,7 @@ class Recursion(Estimation):
         return used, self._newest_rows(used, at)
 
     def residual_variance(self) -> float:
-        """Return the residuals' variance over the declared one, for the linear regression.
+        """Return the ratio of the residuals' variance to the declared one, for the regression.
 
         It is their sum of squares over (rows - states); 1 while there are no more rows than states.
         """

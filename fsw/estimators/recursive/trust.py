@@ -97,7 +97,7 @@ class Trust:
 
         Parameters
         ----------
-        level : variance of the noise over the declared one
+        level : ratio of the noise's variance to the declared one
         white : (p, p) covariance of the estimate if the residuals are white
         doubt : factor on the noise's variance in `white`, because few windows have shown it
         """
@@ -138,7 +138,7 @@ class Trust:
 
         Parameters
         ----------
-        level : variance of the noise over the declared one
+        level : ratio of the noise's variance to the declared one
         besides : residuals of the rows that are not torques and therefore must be white
         cost : computes what likeness costs; called where the residuals are alike
         edges : number of last rows per block that are those of its edge

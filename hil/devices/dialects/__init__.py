@@ -35,7 +35,7 @@ class Frame(NamedTuple):
 
 
 class Drive(Protocol):
-    """A device with one or more joints; a number tells devices of one kind apart."""
+    """A device with one or more joints; a number distinguishes devices of one kind."""
 
     @property
     def trigger(self) -> Trigger:
@@ -43,7 +43,7 @@ class Drive(Protocol):
 
     @property
     def encode(self) -> Callable[..., Sequence[Frame]]:
-        """Makes the frames of one measurement: number, and what each of its joints measures."""
+        """Makes the frames of a measurement; arguments: its number, and a `Measured` per joint."""
 
     @property
     def command(self) -> Callable[[int], Frame] | None:
@@ -56,7 +56,7 @@ class Drive(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Dialect:
-    """One way in which the drives of a bus speak; `node` numbers a drive.
+    """Protocol of the drives of a bus, which are numbered by `node`.
 
     Parameters
     ----------
