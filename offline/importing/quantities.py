@@ -54,7 +54,7 @@ class Section(Protocol):
 
     @property
     def count(self) -> int | None:
-        """Number of stamps; None: no table of the section has been read yet."""
+        """Number of stamps; None: static poses, whose stamps follow from the positions."""
         ...
 
     @property

@@ -72,7 +72,7 @@ class _Section:
         self.count: int | None = len(self.stamps_s)
 
     def table(self, file: Path | None) -> Parts:
-        """Return the table of a quantity; None: that of the section."""
+        """Return the table in `file`; None: the table of the section."""
         return self._open(self.name, self.source.file if file is None else (file,))
 
 

@@ -147,7 +147,7 @@ def _fitted(problem: Problem, solution: BatchSolution) -> float:
 def _noise(
     problem: Problem, residuals: Sequence[FloatArray], solution: BatchSolution
 ) -> InnovationMonitor:
-    """Return the ratio of the noise's variance to the declared one, by the online estimator's rule."""
+    """Return the ratio of the noise's variance to the declared one, by the recursion's rule."""
     monitor, longest = InnovationMonitor(0.0), max(map(len, residuals))
     means = np.array([float(b @ b) / len(b) for b in residuals if len(b) == longest])
     fitted = _fitted(problem, solution)

@@ -22,7 +22,7 @@ from fsw.messages.false_alarms import per_test, sigmas
 _STATE = ("nis", "nis_dof", "level", "doubt", "_sum", "_previous", "_lag", "_pairs")
 SLOW_BLOCKS = 16  # 6.4 s at the default window: slower than any sensor, faster than a motion
 SLOW_PROBABILITY = per_test("slow")
-MISMATCH_LEVEL = 9.0  # ratio of the noise variance to the declared one that no sensor's noise explains
+MISMATCH_LEVEL = 9.0  # ratio of variance to the declared one that no sensor's noise explains
 COLOURED_SIGMAS = sigmas("colour")  # of white residuals' lag-1 correlation
 COLOURED = 0.03  # least correlation between blocks that the conditioner's rounding does not explain
 MEDIAN_LOSS = 1.25**2  # variance of a median over that of the mean
@@ -114,8 +114,8 @@ class InnovationMonitor:
     Attributes
     ----------
     nis, nis_dof : normalised innovation squared of the newest block and its degrees of freedom
-    level : ratio of the noise variance to the declared one; 1 unless the residuals clearly show more, or few
-        windows of a held arm show any more
+    level : ratio of the noise variance to the declared one; 1 unless the residuals clearly show
+        more, or few windows of a held arm show any more
     doubt : Student's factor on this variance, because few windows have shown it; 1: it is not used
     step : what the newest block added to Page's sum, whose limit is 1; 0: it was not judged
     """
