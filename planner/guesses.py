@@ -71,7 +71,10 @@ class Guesses:
         return all(bool(np.all(r.value <= r.upper) and np.all(r.value >= r.lower)) for r in rows)
 
     def nearest_feasible(self, z: FloatArray, in_set: Sequence[int] = (0,)) -> FloatArray:
-        """Return a motion near z that locally minimises the sum of squared violations."""
+        """Return a motion near z that locally minimises the sum of squared violations.
+
+        `in_set`: indices of the members for which the limits count.
+        """
         members = [self.members[k] for k in in_set]
         free = np.array([k for k in range(z.size) if k not in self.fixed])
 

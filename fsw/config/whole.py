@@ -363,7 +363,7 @@ def parse(source: bytes, folder: Path, *files: str) -> Config:
     """
     name = BETWEEN_FILES.join(files)
     if (kind := kind_of(source)) not in ("", CONFIGURATION, RECORDING):
-        raise ConfigError(f"{name}: is {kind}, no configuration; fsw init URDF writes one")
+        raise ConfigError(f"{name}: is {kind}, not a configuration; fsw init URDF writes one")
     try:
         data = read_yaml(source, aliases=True)
     except TextError as error:

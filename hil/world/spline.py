@@ -127,7 +127,7 @@ class JointSpline:
 
         Raises
         ------
-        ValueError if the file is no spline of this degree or does not start and end at rest.
+        ValueError if the file is not a spline of this degree or does not start and end at rest.
         """
         document = yaml.safe_load(path.read_text(encoding="utf-8"))
         if not isinstance(document, dict) or document.get("degree") != DEGREE:

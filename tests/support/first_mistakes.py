@@ -164,8 +164,8 @@ CONFIGURATION: dict[str, Typed] = {
     "inertial unit left out": no_imu,
 }
 ROBOT: dict[str, Typed] = {
-    "web page in the place of the URDF": urdf("<robot", "<!DOCTYPE html><robot"),
-    "SDF in the place of the URDF": sdf,
+    "web page in place of the URDF": urdf("<robot", "<!DOCTYPE html><robot"),
+    "SDF in place of the URDF": sdf,
     "link without a joint": urdf("</robot>", '<link name="lost"/></robot>'),
     "two links of one name": urdf("</robot>", '<link name="link1"/></robot>'),
     "decimal comma in the URDF": urdf('xyz="0 0 0.4"', 'xyz="0 0 0,4"'),
@@ -174,18 +174,18 @@ ROBOT: dict[str, Typed] = {
     "no URDF at the path": section("robot", urdf="nosuch.urdf"),
 }
 FILES: dict[str, Typed] = {
-    "table in the place of the recording": other(
+    "table in place of the recording": other(
         "identify", "arm.csv", HEADER.encode(), "--config", "{config}"
     ),
-    "table in the place of the log": table_for_log,
-    "bag in the place of the recording": words("identify", "{folder}", "--config", "{config}"),
+    "table in place of the log": table_for_log,
+    "bag in place of the recording": words("identify", "{folder}", "--config", "{config}"),
     "recording that is not there": words("identify", "none.mcap", "--config", "{config}"),
     "result into a folder that is not there": words(
         "identify", "a.mcap", "--config", "{config}", "--out", "{folder}/none/result.json"
     ),
     "file that exists": init("gripper", "{config}"),
     "tool frame misspelt": init("grippr", "{folder}/robot.yaml"),
-    "configuration in the place of a result": words("export", "{config}", "--format", "urdf"),
+    "configuration in place of a result": words("export", "{config}", "--format", "urdf"),
     "no daemon runs": words("ctl", "{config}", "status"),
     "motion without limits": words("excite", "{config}", "--out", "{folder}/plan.yaml"),
 }

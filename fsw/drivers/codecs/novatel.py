@@ -32,7 +32,7 @@ _BODIES = {268: _BODY, 325: _BODY, 1461: _EXTENDED, 1462: _EXTENDED}
 
 
 class Scale(NamedTuple):
-    """One count of a unit, in increments of a sample."""
+    """Value of one count of a unit: increments of angle and of velocity."""
 
     angle_rad: float
     velocity_m_s: float

@@ -113,7 +113,7 @@ class StateGroup:
 
     @property
     def is_exact_if_absent(self) -> bool:
-        """Return whether data count as exact without the states; else an effect is left out."""
+        """Return whether, without the states, data count as exact; False: an effect is left out."""
         return self.is_judged or not self.is_published
 
     def applies_to(self, config: Config) -> bool:

@@ -26,7 +26,7 @@ def checked_request(
 
     Raises
     ------
-    TcError when the packet is too long, is no telecommand of the dictionary, or is barred.
+    TcError when the packet is too long, is not a telecommand of the dictionary, or is barred.
     """
     if len(packet) > MAX_REQUEST_BYTES:
         raise TcError(Error.BAD_LENGTH, argument, len(packet), f"{MAX_REQUEST_BYTES} bytes at most")

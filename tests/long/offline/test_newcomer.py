@@ -109,14 +109,14 @@ DESCRIPTIONS = {
     "liquid with the amplitude of a panel": added("modes", TANK | {"amplitude_rad": 0.01}),
     "mode too fast for the windows": added("modes", TANK | {"frequency_hz": 10.0}),
     "modes with a method that has none": added("modes", TANK, method="mrnea"),
-    "contact watched beside modes": added("modes", TANK, outside_wrench="watch"),
+    "contact watched with modes": added("modes", TANK, outside_wrench="watch"),
     "contact watched without a star tracker": watched,
     "prismatic joint configured as a revolute one": lambda arm, _: arm.robot(3, "prismatic"),
     "planar joint": lambda arm, _: arm.robot(3, "planar"),
     "joint that mimics another": lambda arm, _: replaced(
         arm, "<limit", '<mimic joint="axis2"/><limit'
     ),
-    "placeholder in the place of a limit": lambda arm, _: replaced(
+    "placeholder in place of a limit": lambda arm, _: replaced(
         arm, 'effort="50"', 'effort="0"'
     ),
     "missing inertia": lambda arm, _: replaced(arm, LINK2, '<link name="link2"/>'),
@@ -148,8 +148,8 @@ DESCRIPTIONS = {
 }
 FILES = {
     "tab in YAML": b"robot:\n\turdf: arm.urdf\n",
-    "recording in the place of the configuration": b"\x89MCAP0\r\n",
-    "limits in the place of the configuration": (
+    "recording in place of the configuration": b"\x89MCAP0\r\n",
+    "limits in place of the configuration": (
         PAGE.parents[1] / "inspector" / "limits.yaml"
     ).read_bytes(),
 }
@@ -263,7 +263,7 @@ RECORDINGS = {
     ),
     "cut off": cut,
     "cut off at once": cut_at_once,
-    "configuration in the place of the recording": lambda source, _: source.with_name(
+    "configuration in place of the recording": lambda source, _: source.with_name(
         "flight.yaml"
     ),
     "empty file": empty,
