@@ -82,7 +82,7 @@ def delays_fit(
 def delays_of(
     joints: Sequence[JointConfig], buses: Sequence[BusConfig], imu: ImuConfig
 ) -> dict[str, float]:
-    """Return the delays in the model, and 1 sigma of those that are states, by their keys [s]."""
+    """Return every delay of the model by its key [s], and 1 sigma of those that are states."""
     found = {"imu.delay_sigma_s": imu.delay_sigma_s}
     found |= {f"buses.{i}.delay_sigma_s": bus.delay_sigma_s for i, bus in enumerate(buses)}
     for i, joint in enumerate(joints):

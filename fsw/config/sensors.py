@@ -71,7 +71,7 @@ class Mounting(Section):
     q_BS_xyzw: Quaternion
     """unit quaternion, scalar last, taking sensor components to B; not with `rpy_BS_rad`"""
     rpy_BS_rad: tuple[Finite, Finite, Finite] | None = None
-    """roll, pitch, yaw in the place of the quaternion, each at most 2 pi either way: about the
+    """roll, pitch, yaw in place of the quaternion, each at most 2 pi either way: about the
     fixed axes x, y, z of B in this order, as `rpy` of a URDF"""
 
     @model_validator(mode="before")

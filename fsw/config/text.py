@@ -202,7 +202,7 @@ def _line(model: type[BaseModel], fault: ErrorDetails) -> str:
 
 
 def _choices(model: type[BaseModel], fault: ErrorDetails) -> str:
-    """Return all keys that are allowed in the place of an unknown one, the closest one first."""
+    """Return all keys that are allowed in place of an unknown one, the closest one first."""
     if fault["type"] != "extra_forbidden":
         return ""
     allowed = sorted(_section(model, fault["loc"][:-1]))

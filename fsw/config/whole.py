@@ -333,9 +333,7 @@ def _speeds_are_enough(config: Config) -> None:
     }
     for key, given in sums.items():
         if given:
-            raise ValueError(
-                f"{key}: is not known if {name!r} has encoder: speed; leave it out"
-            )
+            raise ValueError(f"{key}: is not known if {name!r} has encoder: speed; leave it out")
 
 
 def load(path: Path) -> Config:

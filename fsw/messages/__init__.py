@@ -206,8 +206,8 @@ class BodyEstimate:
     com_m: FloatArray  # (3,)
     inertia_kg_m2: FloatArray  # (6,) xx xy xz yy yz zz about the centre of mass
     mass_sigma_kg: float
-    com_sigma_m: FloatArray
-    inertia_sigma_kg_m2: FloatArray
+    com_sigma_m: FloatArray  # (3,)
+    inertia_sigma_kg_m2: FloatArray  # (6,)
     physically_consistent: bool
 
 

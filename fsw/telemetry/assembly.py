@@ -32,7 +32,7 @@ def build_application(config: Config, host: Host, *, resume: bool) -> TelemetryA
         raise ConfigError("telemetry: missing")
     state = config.resolve(config.service.state_directory)
     files = state / telemetry.file_directory
-    with suppress(OSError):  # a bad disk takes no link away; `Filing` makes the folder later
+    with suppress(OSError):  # the link opens with a bad disk too; `Filing` makes the folder later
         files.mkdir(parents=True, exist_ok=True)
     context = build_context(config, telemetry, host, resume=resume)
     security = None

@@ -38,7 +38,11 @@ def on_lines(scenario: Scenario) -> Scenario:
 def job_of(
     scenario: Scenario, robot: Robot, plan: TruthHistory, step_s: float = STEP_S
 ) -> dict[str, Any]:
-    """Return the engine's input: the craft (JSON) and torques of every step (k, n), (k, w), (k, 6).
+    """Return the engine's input: the craft `about` (JSON) and arrays with one row per step.
+
+    `q_rad`, `qd_rad_s` (k, n) at the step's start, `tau_nm` (k, n) its mean torque; `motor_nm`
+    (k, w) torques of the wheels; `wrench` (k, 6) mean force and moment of the thrusters in B.
+    `hold` (h, n, 2 n): gains of the springs that hold the arm to its plan, every HOLD_PERIOD_S.
 
     Parameters
     ----------
@@ -51,7 +55,7 @@ def job_of(
     for key in ("environment", "stand"):
         if getattr(scenario, key) is not None:
             raise ScenarioError(
-                f"{scenario.name}: {key}: the second truth floats freely in nothing"
+                f"{scenario.name}: {key}: the second simulator has neither environment nor stand"
             )
     base = body_of(scenario.truth["base"])
     hub, chains = _craft(scenario, without(base, (*scenario.slosh, *scenario.panels)), plan.q[0])

@@ -25,7 +25,16 @@ class Measure(Protocol):
 
 
 class ForeignSegment:
-    """Drives of other makers. Frames wait until the line is free."""
+    """Drives of other makers. Frames wait until the line is free.
+
+    Parameters
+    ----------
+    drives : by the joints of each drive
+    numbers : number of its drive, by joint
+    measure : what the drive of a joint reports at a time
+    t0_ns : start [ns] on the bench's clock
+    sync_bytes : length of the data of SYNC
+    """
 
     def __init__(
         self,
@@ -40,7 +49,6 @@ class ForeignSegment:
         t0_ns: int,
         sync_bytes: int = 0,
     ) -> None:
-        """`drives` by their joints; `numbers`: of the drive of each joint; of SYNC its length."""
         self.name = name
         self.nodes: dict[int, JointNode] = {}  # none of the tailored ones
         self.is_free = any(drive.trigger != "sync" for drive in drives.values())

@@ -299,7 +299,7 @@ class Plant:
 
     @property
     def is_free(self) -> bool:
-        """Whether joints are measured without a SYNC, so that none begins the truth."""
+        """Whether joints are measured without a SYNC; the truth then does not wait for one."""
         foreign = [own for own in self.segments.values() if isinstance(own, ForeignSegment)]
         return bool(self.feeds) or any(segment.is_free for segment in foreign)
 

@@ -24,7 +24,10 @@ class Stand:
         return np.eye(6)[:, [0, 1, 5]] if self.motion == "planar" else np.zeros((6, 0))
 
     def give(self, H_bb: FloatArray, force: FloatArray) -> FloatArray:
-        """Return a base's accelerations for inertia H_bb (6, 6) and forces (6,) or (6, k)."""
+        """Return the accelerations [v; w] (6,) or (6, k) of a base with inertia H_bb (6, 6).
+
+        `force` (6,) or (6, k) acts on it in the same order; a held direction has zero.
+        """
         S = self.freedom
         return np.asarray(S @ np.linalg.solve(S.T @ H_bb @ S, S.T @ force))
 

@@ -14,7 +14,7 @@ def node_number(text: str) -> int:
 
 
 def rate(text: str) -> float:
-    """Return a rate [Hz]; raise ValueError if it is not positive, or too small or large."""
+    """Return the rate [Hz] in a text. Raises ValueError or, out of range, ArgumentTypeError."""
     value = float(text)
     if not 0.1 <= value <= 1e4:
         raise argparse.ArgumentTypeError(f"{text}: must be 0.1 to 10000 Hz")

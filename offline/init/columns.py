@@ -29,7 +29,7 @@ AXIS = re.compile(r"[wxyzWXYZ](?=[^A-Za-z]*$)")
 class Group:
     """Columns of one quantity, in the order of the joints or axes."""
 
-    stem: str  # the name with {} in the place of joint, number or axis
+    stem: str  # the name with {} in place of joint, number or axis
     columns: tuple[str, ...]
 
     @property

@@ -20,7 +20,7 @@ from fsw.drivers.wire import Reject
 
 SYNC = b"\xfa\xff"
 MT_DATA_2 = 0x36
-LONG = 0xFF  # in the place of a length: a U16 follows
+LONG = 0xFF  # in place of a length: a U16 follows
 MAX_PAYLOAD_BYTES = 512
 SAMPLE_TIME_FINE, DELTA_V, ACCELERATION, RATE, DELTA_Q = 0x1060, 0x4010, 0x4020, 0x8020, 0x8030
 ITEM = 0xFFF0  # of an identifier: without coordinate system and number format

@@ -232,7 +232,7 @@ def cost_of(prior: Prior, x: FloatArray, b: FloatArray) -> float:
 
 
 def to_theta(problem: Problem, x: FloatArray) -> FloatArray:
-    """Return the state (p,) with ten log-Cholesky values in the place of each unknown body's pi.
+    """Return the state (p,) with ten log-Cholesky values in place of each unknown body's pi.
 
     A body that cannot exist is replaced by the nearest one that can.
     """

@@ -26,13 +26,13 @@ RESCUING = frozenset(
 
 
 class Rescue:
-    """Decides whether all packets of a frame are such telecommands."""
+    """Decides whether a frame contains only telecommands of `RESCUING`."""
 
     def __init__(self) -> None:
         self._reader = TelecommandReader()
 
     def __call__(self, packets: bytes) -> bool:
-        """Return whether the data of a frame are whole packets that all help."""
+        """Return whether the data of a frame are whole packets, all of such telecommands."""
         splitter = PacketSplitter(KNOWN_ID)
         found = splitter.feed(packets, 0)
         whole = not (splitter.pending_bytes or splitter.skipped_bytes)

@@ -51,10 +51,10 @@ class Filing:
         parts = PurePosixPath(name).parts
         root = self._folders.get(parts[0]) if parts else None
         if root is None or any(part.startswith(HIDDEN) for part in parts):
-            text = f"{name!r}: begins with {sorted(self._folders)}, no part with {HIDDEN!r}"
-            raise TcError(Error.BAD_ARG, argument, text=text)
+            begins = f"must begin with one of {sorted(self._folders)}, no part with {HIDDEN!r}"
+            raise TcError(Error.BAD_ARG, argument, text=f"{name!r}: {begins}")
         if parts[0] == RECORDINGS and not _is_recording(parts[1:]):
-            raise TcError(Error.BAD_ARG, argument, text=f"{name!r}: no name of a recording")
+            raise TcError(Error.BAD_ARG, argument, text=f"{name!r}: not the name of a recording")
         path = root.joinpath(*parts[1:])
         try:
             inside = path.resolve().is_relative_to(root.resolve())

@@ -97,7 +97,7 @@ class EnvironmentSection(_Section):
         if by_table and altitude_m < TABLE_FROM_M:
             raise ValueError(
                 f"orbit.altitude_m {altitude_m:g} is below the density table's {TABLE_FROM_M:g}; "
-                "atmosphere.density: orekit has no such end"
+                "atmosphere.density: orekit has no such limit"
             )
         return self
 

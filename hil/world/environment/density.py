@@ -44,7 +44,7 @@ def density_kg_m3(
     if np.min(altitude_m) < LOWEST_M:
         raise ValueError(
             f"altitude_m {np.min(altitude_m):.0f} is below the density table's {LOWEST_M:.0f}; "
-            "density: orekit has no such end"
+            "density: orekit has no such limit"
         )
     step = TURN / len(table["hour_angle_rad"])
     place = [
