@@ -22,9 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--xi1", type=float, default=1.0, help="gamma: weight of the condition")
     parser.add_argument("--xi2", type=float, default=1e4, help="gamma: of 1/sum|tau| [N m s]")
     parser.add_argument("--weight", action="append", default=[], metavar="NAME=VALUE")
-    parser.add_argument(
-        "--after", type=Path, metavar="JSON", help="result that replaces the prior"
-    )
+    parser.add_argument("--after", type=Path, metavar="JSON", help="result that replaces the prior")
     parser.add_argument("--duration-s", type=float, default=60.0)
     parser.add_argument("--knot-s", type=float, default=2.5, help="time between the spline's knots")
     parser.add_argument("--closed", action="store_true", help="end where it starts: repeatable")

@@ -116,9 +116,7 @@ DESCRIPTIONS = {
     "joint that mimics another": lambda arm, _: replaced(
         arm, "<limit", '<mimic joint="axis2"/><limit'
     ),
-    "placeholder in place of a limit": lambda arm, _: replaced(
-        arm, 'effort="50"', 'effort="0"'
-    ),
+    "placeholder in place of a limit": lambda arm, _: replaced(arm, 'effort="50"', 'effort="0"'),
     "missing inertia": lambda arm, _: replaced(arm, LINK2, '<link name="link2"/>'),
     "inertia in kg mm^2": lambda arm, _: replaced(
         arm, LINK2, LINK2.replace("0.04", "40000").replace("0.01", "10000")
@@ -263,9 +261,7 @@ RECORDINGS = {
     ),
     "cut off": cut,
     "cut off at once": cut_at_once,
-    "configuration in place of the recording": lambda source, _: source.with_name(
-        "flight.yaml"
-    ),
+    "configuration in place of the recording": lambda source, _: source.with_name("flight.yaml"),
     "empty file": empty,
 }
 
