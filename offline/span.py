@@ -18,7 +18,7 @@ class Span:
     to_s: float = inf
 
     def __post_init__(self) -> None:
-        """Raise ConfigError if a limit is no number, from_s is negative, or the span is empty."""
+        """Raise ConfigError if a limit is not a number, from_s negative, or the span empty."""
         if not all(isinstance(value, int | float) for value in (self.from_s, self.to_s)):
             raise ConfigError(f"from_s, to_s: {self.from_s!r}, {self.to_s!r} must be numbers [s]")
         if not 0.0 <= self.from_s < inf:

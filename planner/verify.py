@@ -60,7 +60,7 @@ def every_limit(
 
 
 def free_layout(trajectory: Trajectory) -> tuple[SplineLayout, FloatArray]:
-    """Return the layout with both ends free, and the flat variables z, of a trajectory."""
+    """Return a trajectory's layout with both ends free, and its flat variables z (rows n,)."""
     points = trajectory.points_rad
     layout = SplineLayout(
         duration_s=trajectory.duration_s,

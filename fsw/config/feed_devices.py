@@ -14,7 +14,7 @@ Device = JointConfig | ImuConfig | StarTrackerConfig | Actuator
 
 
 def feeds_go_with(buses: Sequence[BusConfig], devices: Mapping[str, Device]) -> None:
-    """Raise ValueError for a device whose bus is no feed, or a feed without a device.
+    """Raise ValueError for a device whose bus is not a feed, or a feed without a device.
 
     Parameters
     ----------

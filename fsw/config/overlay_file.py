@@ -72,7 +72,7 @@ def merged(below: object, above: object, file: str, key: str = "") -> object:
 
 
 def _by_name(values: object) -> dict[str, object] | None:
-    """Return the sections of a list by name; None: this is no list of named sections."""
+    """Return the sections of a list by name; None: this is not such a list."""
     if not isinstance(values, list):
         return None
     named: dict[str, object] = {

@@ -156,7 +156,7 @@ def explain(model: type[BaseModel], error: ValidationError) -> list[str]:
     """Return one line per fault, which names key, allowed values and value found."""
     faults = error.errors()
     inner = {fault["loc"][:k] for fault in faults for k in range(len(fault["loc"]))}
-    # a list can be "too short" only because its items are faulty: this is no further fault
+    # a list can be "too short" only because its items are faulty: this is not a further fault
     kept = [f for f in faults if f["type"] != "too_short" or f["loc"] not in inner]
     kept = list(_whole_lists(kept))
     lines = [cut(_line(model, fault)) + _choices(model, fault) for fault in kept[:MAX_FAULTS]]

@@ -77,7 +77,7 @@ def contents(path: Path) -> Contents:
 
     Raises
     ------
-    ConfigError when the file cannot be read or is no MCAP file.
+    ConfigError when the file cannot be read or is not an MCAP file.
     """
     with _open(path) as file:
         whole_file = _whole_contents(file)
@@ -107,7 +107,7 @@ def first_metadata(path: Path, name: str) -> dict[str, str]:
 
     Raises
     ------
-    ConfigError when the file cannot be read or is no MCAP file.
+    ConfigError when the file cannot be read or is not an MCAP file.
     """
     for record in _stream(path, _Ended()):
         if isinstance(record, Metadata) and record.name == name:

@@ -83,7 +83,7 @@ def contents_of(parts: Sequence[Path]) -> Contents:
 
     Raises
     ------
-    ConfigError when a file cannot be read or is no MCAP file.
+    ConfigError when a file cannot be read or is not an MCAP file.
     """
     held = [contents(path) for path in parts]
     return Contents(

@@ -25,7 +25,7 @@ VECTOR = bytes.fromhex(  # of a MTi-630: orientation, time, status, counter
 
 
 def seal(payload: bytes) -> bytes:
-    """Return the message with the length in the fourth byte of a payload, and items behind it."""
+    """Return the message of a payload: length in its fourth byte, then items of that length."""
     length = min(254, payload[3]) if len(payload) > 3 else 0
     body = PREAMBLE + bytes((length,)) + payload[4 : 4 + length].ljust(length, b"\0")
     return body + bytes((-sum(body[1:]) & 0xFF,))

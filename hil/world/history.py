@@ -267,7 +267,10 @@ def _times_vector(quat_wxyz: FloatArray, v: FloatArray) -> FloatArray:
 
 
 def slope(x: FloatArray, h: float) -> FloatArray:
-    """Return fourth-order central differences; the two nodes at each end have second order."""
+    """Return the derivative of x (k, ...) by central differences of fourth order; step h.
+
+    The two nodes at each end have second order.
+    """
     slope = np.gradient(x, h, axis=0, edge_order=2)
     if len(x) > 4:
         slope[2:-2] = (8 * (x[3:-1] - x[1:-3]) - (x[4:] - x[:-4])) / (12 * h)

@@ -303,7 +303,7 @@ def _section(home: Path, section: dict[str, Any] | Path) -> dict[str, Any]:
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
-    """Return the mapping in a file. Raises ScenarioError if it cannot be read or is no mapping."""
+    """Return the mapping in a file. Raises ScenarioError if it is unreadable or not a mapping."""
     try:
         if kind := other_text(path):
             raise ScenarioError(f"{path}: is {kind}")

@@ -48,7 +48,7 @@ class Stop(_Kind):
         return self.for_s + self.in_s
 
     def own_time(self, t_s: FloatArray) -> Evaluated:
-        """Return the time in the planned motion, which stands still in the stop; derivatives."""
+        """Return time in the planned motion and two derivatives; it stands still in the stop."""
         down = np.clip((t_s - self.at_s) / self.in_s, 0.0, 1.0)
         up = np.clip((t_s - self.at_s - self.in_s - self.for_s) / self.in_s, 0.0, 1.0)
         lost, slower, harder = (a - b for a, b in zip(_step(down), _step(up), strict=True))

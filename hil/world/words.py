@@ -49,7 +49,7 @@ def other_text(path: Path) -> str:
 
 
 def other_kind(document: Mapping[str, Any], scenario: type[BaseModel]) -> str:
-    """Return the kind of a mapping that is no scenario; "" if it may be a scenario."""
+    """Return the kind of a mapping that is not a scenario; "" if it may be a scenario."""
     needed = {key for key, field in scenario.model_fields.items() if field.is_required()}
     if "sensors" in document or 2 * len(needed & document.keys()) > len(needed):
         return ""

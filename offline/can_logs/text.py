@@ -17,9 +17,9 @@ from offline.can_logs.asc_clock import AscClock
 Line = tuple[int, str]  # number from 1, text
 _Dialect = Callable[["TextLog", Iterator[Line]], Iterator[str]]
 KNOWN = (".asc", ".csv", ".trc")  # any other suffix is a log of candump or BUSMASTER
-BINARY = (".blf", ".db", ".mf4")  # suffixes of logs that are no text
+BINARY = (".blf", ".db", ".mf4")  # suffixes of logs that are not text
 HEAD_LINES = 200  # a header is not longer
-_CHARACTERS = 1 << 16  # a longer line is no frame
+_CHARACTERS = 1 << 16  # a longer line is not a frame
 _GZIP = b"\x1f\x8b"
 _BYTE = re.compile(r"[0-9A-Fa-f]{2}")
 _BASE = re.compile(
@@ -115,7 +115,7 @@ def text_log(path: Path) -> TextLog:
 
     Raises
     ------
-    ConfigError when the file is empty, cut off or no text, or its stamps are no times; OSError.
+    ConfigError when the file is empty, cut off or not text, or its stamps are not times; OSError.
     """
     _refuse_broken(path)
     head = [text for _, text in zip(range(HEAD_LINES), _lines(path), strict=False)]

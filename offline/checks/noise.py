@@ -49,7 +49,7 @@ class Noise:
 
     sigma: float  # 1 sigma of a sample; 0: the readings do not change, or there are too few
     coloured: bool = False  # whether differences show far less of it than polynomials
-    misfit: float = 0.0  # 1 sigma of the residual that is no noise; 0: polynomials follow
+    misfit: float = 0.0  # 1 sigma of the residual that is not noise; 0: polynomials follow
     moves: bool = True  # False: at rest in most windows, where a sensor may have less noise
     pieces: Sequence[Piece] = ()  # windows that were judged
 

@@ -29,7 +29,7 @@ from offline.importing.clock import (
 )
 from offline.importing.decoded import decoded_lines
 
-MOST_S = 1e12  # a stamp beyond is no time
+MOST_S = 1e12  # a stamp beyond is not a time
 STAMP, DATA = "stamp_s", "hex"
 _Row = tuple[int, Any, Any]  # line, stamp, bytes
 

@@ -140,7 +140,7 @@ def times_s(path: Path, name: str, cells: Sequence[str], lines: Sequence[int]) -
 
     Raises
     ------
-    ConfigError for a cell that is no date and time.
+    ConfigError for a cell that is not a date and time.
     """
     values = np.full(len(cells), nan)
     for row, cell in enumerate(cells):

@@ -74,7 +74,8 @@ def part_of(
 
     Raises
     ------
-    ConfigError when the columns do not fit the slots, or a file of their own the section's rows.
+    ConfigError when the columns do not fit the slots, or their own file lacks or exceeds the
+        section's rows.
     """
     if not slots:
         source = key.partition(".")[0]

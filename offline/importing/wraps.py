@@ -27,7 +27,7 @@ def unwrap(
     stamps_s : (k,) their stamps [s], in any order
     limits_rad_s, noise_rad : (width,) greatest speed, and greatest error of a step
     wraps : whether a column wraps: every step beyond half a turn is a wrap, or none is; None: a
-        step is a wrap if it is no motion of this joint, and would be with a whole turn less
+        step is a wrap if this joint cannot make it, and could with a whole turn less
     """
     counts = [0] * values.shape[1]
     for k, declared in enumerate(wraps):

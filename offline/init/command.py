@@ -249,7 +249,7 @@ def _of_root(root: ET.Element, model: RobotModel) -> FloatArray:
 
 
 def _root_link(root: ET.Element) -> str:
-    """Return the name of the link that is no joint's child."""
+    """Return the name of the link that is not the child of a joint."""
     children = {end.get("link") for _, end in _ends(root, "child")}
     names = [link.get("name", "") for link in root.findall("link")]
     return next((name for name in names if name not in children), "")

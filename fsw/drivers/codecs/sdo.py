@@ -33,7 +33,7 @@ def upload(index: int, sub: int) -> bytes:
 
 
 def aborted(reply: bytes) -> int:
-    """Return the abort code of a reply; 0: the reply is no abort."""
+    """Return the abort code of a reply; 0: the reply is not an abort."""
     return int.from_bytes(reply[4:8], "little") if reply[:1] == bytes((ABORT,)) else 0
 
 

@@ -42,7 +42,7 @@ VALID, EXTENDED = 1 << 31, 1 << 29  # bits of a COB-ID entry; the first means: d
 MULTIPLEXED = (254, 255)  # number of mapped objects of a multiplexed PDO
 _Found = TypeVar("_Found", bound=Sized)
 
-for _library in ("canopen", "cantools"):  # what they log is no line of this program
+for _library in ("canopen", "cantools"):  # what they log is not this program's
     logging.getLogger(_library).addHandler(logging.NullHandler())
 
 

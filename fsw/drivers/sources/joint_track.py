@@ -63,7 +63,7 @@ class JointTrack:
 
     @property
     def slack_rad(self) -> float:
-        """Largest step between samples that is no jump, the joint's own motion left out [rad]."""
+        """Largest step between samples that is not a jump, without the joint's motion [rad]."""
         return self._slack_rad
 
     @property

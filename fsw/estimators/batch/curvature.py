@@ -1,4 +1,4 @@
-"""Honest covariance where the posterior is no Gaussian: the likelihood's profile along weak axes.
+"""Honest covariance where the posterior is not Gaussian: the likelihood's profile along weak axes.
 
 A body's scale that the data hardly determine has a curved, lopsided likelihood, and the covariance
 at its maximum says little about where the truth is. Along every weak axis v of the covariance
@@ -53,7 +53,7 @@ def widen(
     profile: Profile,
     weak: float = WEAK,
 ) -> Widening:
-    """Return the covariance (p, p), widened along weak axes where the cost is no parabola.
+    """Return the covariance (p, p), widened along weak axes where the cost is not a parabola.
 
     At most MAX_AXES axes are judged, of the first `bodies` states, marginal over the others, in
     units of `prior_covariance`.

@@ -34,7 +34,7 @@ def without_bodies(problem: Problem) -> Problem:
 
 
 def repeated(problem: Problem) -> IndexArray:
-    """Return the states that two runs have in common."""
+    """Return the indices (c,) of the states that two runs have in common."""
     common = {group.name for group in GROUPS if group.is_repeated}
     common |= {"base"} & set(problem.unknown)
     kinds = [name.partition(".")[0] for name in problem.names]

@@ -85,14 +85,14 @@ class ArmConditioner:
         self._standstills = Standstills(self._position_sigma)
         self._samples = torque_samples(config, order)[: len(order)]
         self._cov_model = torque_model_covariance(config, order)[: len(order)]
-        # reversing friction deviates from the polynomial: up to 3 sigma of it is no outlier
+        # reversing friction deviates from the polynomial: up to 3 sigma of it is not an outlier
         left_out = np.array([joint.torque_model_sigma_nm for joint in joints])
         self._torque_gate = np.hypot(np.hypot(self._torque_sigma, 0.5 * self._coulomb_nm), left_out)
 
     def wanted(self, window: Window, *, gated: bool) -> ArmWanted | None:
         """Return the fits that a window needs; None where a joint's samples are missing.
 
-        If not `gated`, torques are no polynomials, and none of their samples counts as an outlier.
+        If not `gated`, torques are not polynomials, and none of their samples counts as an outlier.
         """
         channels = [window.joints[k] for k in self._order]
         if any(channel.missing for channel in channels):

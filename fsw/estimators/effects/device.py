@@ -30,7 +30,7 @@ class Part:
     fields: dict[str, FloatArray] | None  # of `Block`; None: the state of a device is unknown
     findings: list[Finding] = field(default_factory=list)
     removed: int = 0  # outliers left out
-    is_smooth: bool = True  # False: a force changes, so the channels are no polynomials
+    is_smooth: bool = True  # False: a force changes, so the channels are not polynomials
     loses_momentum: bool = False  # from now on it is not known
 
 

@@ -63,7 +63,7 @@ class Switched:
         return np.asarray(self.delay_s + TAIL_RISES * self.rise_s, np.float64)
 
     def changes(self, block: Block) -> bool:
-        """Return whether a force changes in a block; the channels then are no polynomials."""
+        """Return whether a force changes in a block; the channels are then not polynomials."""
         return len(self) > 0 and changes(block.edges, self.tail_s, -0.5 * self.window_s)
 
     def profile(self, block: Block, x: FloatArray) -> Profile:
@@ -124,7 +124,7 @@ class Switched:
 
 
 def changes(edges: FloatArray, tail_s: FloatArray, start_s: float) -> bool:
-    """Return whether a force changes after start_s; the channels then are no polynomials.
+    """Return whether a force changes after start_s; the channels are then not polynomials.
 
     `tail_s` (K,): time from a change of a valve to the settled force [s].
     """

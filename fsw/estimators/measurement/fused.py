@@ -185,7 +185,7 @@ def _at_stamps(
     if problem.has("gyro_bias"):
         w = w + x[problem.at("gyro_bias")]
         J[:, t + 3 :, problem.at("gyro_bias")] += np.eye(3)
-    if problem.delays:  # a measured rate is no prediction
+    if problem.delays:  # a measured rate is not a prediction
         c = t + 3 if rate == "measured" else t + 6
         values = np.concatenate([tau, f, w], axis=1)
         values[:, :c] = problem.delays.late(x, values[:, :c], J[:, :c], nodes)

@@ -144,7 +144,7 @@ def longer_sides(pi: FloatArray, covariance: FloatArray, prior_sigma: FloatArray
     for t in (1.0, 2.0, 3.0):
         sides = np.stack([at[:, None] + t * ways, at[:, None] - t * ways], axis=1)
         bodies = np.all(_bodies(sides), axis=0)
-        with np.errstate(all="ignore"):  # a mobility of zero is no body
+        with np.errstate(all="ignore"):  # no body has the mobility zero
             there = np.concatenate([1.0 / sides[:1], sides[1:4], _inverse(sides[4:])])
         far = np.abs(np.einsum("isi->si", there) - here).max(axis=0) / t
         longer[bodies] = far[bodies]

@@ -216,7 +216,7 @@ def _words(config: Config) -> list[str]:
 
 
 def _fault(config: Config, base: FloatArray) -> Iterator[str]:
-    """Yield a line for the first mode without which the base (10,) is no possible body."""
+    """Yield a line for the first mode without which the base (10,) is not a possible body."""
     if not is_consistent(base):
         return  # a fault of the URDF, reported by another check
     rest = base

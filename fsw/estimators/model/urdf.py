@@ -18,7 +18,7 @@ def dynamics_of(text: str | bytes) -> str:
 
     Raises
     ------
-    xml.etree.ElementTree.ParseError if the text is no XML.
+    xml.etree.ElementTree.ParseError if the text is not XML.
     """
     root = ET.fromstring(text)
     kept = ET.Element(root.tag, name=root.get("name", ""))
@@ -38,7 +38,7 @@ def dynamics_of(text: str | bytes) -> str:
 
 
 def _bounded(value: str) -> str:
-    """Return a number within the bound as text; words that are no number are left as they are."""
+    """Return a number within the bound as text; text that is not a number stays as it is."""
     try:
         return repr(min(max(float(value), -UNLIMITED), UNLIMITED))
     except ValueError:

@@ -1,1 +1,1 @@
-"""What noise the data show: its size, its colour, and what is no noise."""
+"""What noise the data show: its size, its colour, and what is not noise."""

@@ -77,7 +77,7 @@ def likeness(
     covariance : (p, p) of the estimate if the residuals were white
     level : ratio of the noise's variance to the declared one
     nodes : number of nodes per block. The rows of a node stand together, in the same order at
-        each node. Where their number is no multiple of `nodes`, each row is a kind of its own
+        each node. Where their number is not a multiple of `nodes`, each row is a kind of its own
     edges : per block how many of its last rows are of its edge; each of them is a kind of its own
     repeats : whether residuals repeat with the motion; then products of any lag are counted
     """
@@ -138,7 +138,7 @@ def besides_torques(
     ----------
     torques : per block, number of leading rows of each node that are torques
     nodes : number of nodes per block
-    edges : per block, number of last rows, of its edge, in which the torques' residuals are too
+    edges : per block, number of its last rows, those of its edge, which depend on torques too
     """
     edges = edges or [0] * len(residuals)
     inner = [rows[: len(rows) - edge] for rows, edge in zip(residuals, edges, strict=True)]

@@ -245,7 +245,7 @@ class OutsideWatch:
                 dof += len(found.r)
             at[k] += np.linalg.solve(information, rhs)
             bodies = at[k].reshape(-1, PARAMETERS)
-            if not all(is_consistent(pi) for pi in bodies):  # an impossible body is no change
+            if not all(is_consistent(pi) for pi in bodies):  # it leads to an impossible body
                 return False
         step = (at - x)[k]
         return nis + float(step @ prior @ step) <= self._limit(dof)

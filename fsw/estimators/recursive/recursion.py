@@ -333,7 +333,7 @@ class Recursion(Estimation):
     def _learn_level(self) -> None:
         self._level_due = False
         monitor, known = self.monitor, self.monitor.level
-        # few windows move the state towards the prior, whose residuals are no noise
+        # few windows move the state towards the prior, whose residuals are not noise
         at = self.x if monitor.doubt == 1.0 else self.memory.information.mean()
         levels, dof = self.memory.residual_levels(at, LEVEL_BLOCKS)
         fitted = self.memory.fitted() * (self.since <= LEVEL_BLOCKS)

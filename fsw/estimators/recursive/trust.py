@@ -239,7 +239,7 @@ class Trust:
 
 
 def is_scattered(left_out: int, used: int) -> bool:
-    """Return whether so many blocks do not fit the others that they are no outliers."""
+    """Return whether so many blocks do not fit the others that they are not outliers."""
     return left_out > GATED_SHARE * (left_out + used)
 
 

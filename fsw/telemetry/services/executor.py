@@ -153,7 +153,7 @@ class TelecommandExecutor:
         return True
 
     def open_record(self, who: str, name: str, arguments: str) -> CommandRecord:
-        """Log and report the start of a command that is no telecommand; `close_record` ends it."""
+        """Log and report the start of a command other than telecommands; `close_record` ends it."""
         record = self._log.begin(who, name, arguments)
         self._accepted(record)
         return record

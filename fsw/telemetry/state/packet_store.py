@@ -71,7 +71,7 @@ def packet_time_ns(packet: bytes) -> int:
 
 
 def split_packets(file: BinaryIO) -> Iterator[tuple[int, bytes]]:
-    """Yield time [ns] and bytes of each packet; stop at the first bytes that are no packet."""
+    """Yield time [ns] and bytes of each packet; stop at the first bytes that are not a packet."""
     while len(head := file.read(HEADER_BYTES)) == HEADER_BYTES and head[:4] != END_MAGIC:
         length = int.from_bytes(head[4:6], "big") + 1
         packet = head + file.read(length)
@@ -89,7 +89,7 @@ def read_segment(path: Path) -> tuple[Epoch, BinaryIO]:
 
     Raises
     ------
-    OSError, or ValueError when the file is no segment.
+    OSError, or ValueError when the file is not a segment.
     """
     file = open_regular(path, "rb")
     try:
@@ -238,7 +238,7 @@ class PacketStore:
         return segment.size_bytes
 
     def _find(self) -> None:
-        """Find the segments of earlier runs; remove files that are no segments.
+        """Find the segments of earlier runs; remove files that are not segments.
 
         A file that cannot be read now stays: a later start may read it.
         """
