@@ -10,7 +10,7 @@ from planner.design import LimitRows
 from planner.limits import MotionLimits
 from planner.spline import SplineLayout
 
-FIRST_MARGIN = 0.01  # first margin of limits but torque, share of the bound (metres for distances)
+FIRST_MARGIN = 0.01  # first margin of limits other than torque, share of the bound (distances: m)
 START_RANGE = 0.6  # share of a joint's range for random start poses
 START_TRIES = 200
 FREE_M = 1.0  # assumed range to either side of a prismatic joint without a range

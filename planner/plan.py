@@ -128,7 +128,7 @@ class Planner:
         name = self.request.criterion
         if count == 1 or isinstance(found, list) or name in criteria.REGRESSOR_CRITERIA:
             return found
-        whole = replace(found.trajectory, firings=self.limits.firings)  # value by all states
+        whole = replace(found.trajectory, firings=self.limits.firings)  # judged by all states
         root = foreseen_root(self.subject, whole)
         return replace(found, value=criteria.fused(name, root, self.subject.scale).value)
 

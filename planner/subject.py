@@ -93,7 +93,7 @@ def build_subject(
         raise ConfigError(f"bodies.{others[0]}: motions are planned for base and target alone")
     if config.base.motion != "free":
         raise ConfigError(f"base.motion: {config.base.motion}; motions are planned for a free base")
-    config = config.model_copy(update={"wrench_sensors": ()})  # plans count on joints and base
+    config = config.model_copy(update={"wrench_sensors": ()})  # plans use joints and base
     model = RobotModel(config.resolve(config.robot.urdf), config.robot.tool_frame)
     locked = config.model_copy(update=dict.fromkeys(("modes", *config.actuators), ()))
     problem = build_problem(locked, model, exact=True)

@@ -52,7 +52,7 @@ def validate(config: Config) -> tuple[Problem, list[str]]:
     problem: Problem | None = None
     try:
         faults += _device_faults(config)
-        if not faults:  # else what follows from a wrong rate or delay would be named beside it
+        if not faults:  # a wrong rate or delay would be reported with its effects
             faults += [*window_faults(config), *lag_faults(config)]
         problem = load_problem(config)
         if not faults:

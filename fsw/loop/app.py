@@ -136,7 +136,7 @@ def run_live(config: Config, *, cold: bool = False) -> int:
             notifier.send("WATCHDOG=1")
 
     duties = (
-        (max(1, ticks_per_s // WATCHES_PER_S), processes.watch),  # what died is missed at once
+        (max(1, ticks_per_s // WATCHES_PER_S), processes.watch),  # notices an end at once
         (ticks_per_s, each_second),
     )
     drive(turn, duties, lambda: stop.received or loop.stop_requested)

@@ -22,7 +22,7 @@ SAMPLES = 2_000_000  # samples of all channels: 19 channels at 500 Hz for 80 s, 
 
 SHARES: dict[str, float] = {
     "gate": 1e-5,  # one block left out
-    "outside": 1e-5,  # one block taken for a wrench from outside
+    "outside": 1e-5,  # one block mistaken for a wrench from outside
     "change": 1e-5,  # Page's sum: the estimate is re-opened
     "sensor": 5e-6,  # one sensor of one block left out
     "slow": 1e-5,  # slow power of residuals: MODEL_MISMATCH

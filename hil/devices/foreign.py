@@ -13,7 +13,7 @@ from hil.world.sensors import generator
 CLOCK_PPM = 50.0  # 1 sigma of the errors of clocks and timers
 LATE_NS = 20_000.0  # mean lateness of the other master's commands
 TURN_NS = 600_000.0  # between its commands to two drives
-EXTENDED_NS = 20_000.0  # more time on the bus of an identifier of 29 bits
+EXTENDED_NS = 20_000.0  # additional time on the bus for an identifier of 29 bits
 
 
 class Measure(Protocol):
@@ -50,7 +50,7 @@ class ForeignSegment:
         sync_bytes: int = 0,
     ) -> None:
         self.name = name
-        self.nodes: dict[int, JointNode] = {}  # none of the tailored ones
+        self.nodes: dict[int, JointNode] = {}  # no tailored nodes here
         self.is_free = any(drive.trigger != "sync" for drive in drives.values())
         self._drives = {joints[0]: (joints, drive) for joints, drive in drives.items()}
         self._numbers, self._measure, self._t0_ns = numbers, measure, t0_ns

@@ -160,7 +160,7 @@ def prepare(
         history = truth_of(scenario, robot, spline)
     else:
         history = _stored(truth, scenario, robot, spline)
-    plant_of(scenario, robot, history, seed)  # devices that cannot be are refused here
+    plant_of(scenario, robot, history, seed)  # refuses impossible devices
     return Setup(
         scenario=scenario,
         seed=seed,

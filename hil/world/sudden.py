@@ -52,7 +52,7 @@ class Stop(_Kind):
         down = np.clip((t_s - self.at_s) / self.in_s, 0.0, 1.0)
         up = np.clip((t_s - self.at_s - self.in_s - self.for_s) / self.in_s, 0.0, 1.0)
         lost, slower, harder = (a - b for a, b in zip(_step(down), _step(up), strict=True))
-        # after the ramp the time lost grows with the time since
+        # after the ramp the lost time grows as fast as time
         after = np.clip(t_s - self.at_s - self.in_s, 0.0, None)
         again = np.clip(t_s - self.at_s - 2 * self.in_s - self.for_s, 0.0, None)
         return (

@@ -34,7 +34,7 @@ MOVED = 20.0  # range of a window over the noise above which a channel moves
 SHARE = 0.1  # of the largest range: a window with less rests; of all windows: fewer show little
 FEW = 3  # windows; fewer that move may be a shock
 REST = 1e-3  # range of an angle [rad or m] of a joint that is held, which sways with the others
-COLOURED = 1.4  # ratio of a polynomial's residual to the noise by differences that says more
+COLOURED = 1.4  # ratio of a polynomial's residual to the noise by differences; above: judged
 SHRINKS = 0.25  # ratio of the excess variance in half a window, below which it is misfit
 MISFIT = 2.0  # accepted ratio of misfit to noise, found or declared
 SHORTEST = 6  # most halvings of a window
@@ -155,7 +155,7 @@ def motion_noise(windows: Sequence[Piece], degree: int, least: float) -> Noise:
     moves = bool(is_shown and count >= SHARE * len(pieces))
     sigma = difference_sigma(*judged)
     whole, middle = _residual(judged, degree), _residual(judged, degree, 0.5)
-    if abs(middle / sigma - 1.0) < _chance(judged):  # the residual is noise, and tells it better
+    if abs(middle / sigma - 1.0) < _chance(judged):  # it is noise, measured better
         sigma = middle
     if whole <= COLOURED * sigma:
         return Noise(sigma=sigma, moves=moves, pieces=judged)

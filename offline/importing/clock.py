@@ -14,7 +14,7 @@ RATE_RATIO = 1.2  # accepted ratio of found to declared rate, or of declared to 
 TINY_RATIO = 3.0  # a rate this much too high is of stamps that are differences, if ...
 UNORDERED = 0.25  # ... more than this share of the steps does not go forward
 LEAST_BYTES, MOST_BYTES = 8, 1000  # of a serial line for one sample; a datagram has 18 to 261
-PAUSE_S, PAUSE_PERIODS = 1.0, 10.0  # a longer step is a pause, and says nothing of the rate
+PAUSE_S, PAUSE_PERIODS = 1.0, 10.0  # a longer step is a pause, not part of the rate
 
 
 def refuse_disorder(path: Path, t_ns: IntArray, most_ns: float = DISORDER_NS) -> None:

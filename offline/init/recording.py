@@ -72,7 +72,7 @@ class Recorded:
     has_torque: bool = True
     is_current: bool = False  # the torque is computed from the motor's current
     joints: Sequence[Limits] = ()  # in the order of the model
-    gyro_noise_rad_s: float = 0.0  # 1 sigma of a sample; 0: not seen, as of the next two
+    gyro_noise_rad_s: float = 0.0  # 1 sigma of a sample; 0: not seen; likewise the next two
     acc_noise_m_s2: float = 0.0
     turn_noise_rad: float = 0.0
     nodes: Sequence[int] = ()  # of a CAN log of tailored nodes

@@ -67,7 +67,7 @@ class Frame:
 
     data: bytes
     pieces: tuple[Piece, ...]
-    skipped: int = 0  # bytes of no frame between the frame before and this one
+    skipped: int = 0  # bytes between the frame before and this one
 
 
 class Framer:

@@ -125,7 +125,7 @@ class Reports:
         if reason in self._refused:
             is_said = reason in (Reject.LENGTH, Reject.STATUS)
             self.find(place, t_ns, self._refused[reason], text if is_said else "")
-            if reason is not Reject.LENGTH:  # which is found before those of its batch
+            if reason is not Reject.LENGTH:  # found before the others of its batch
                 self._watches[place].refused(t_ns, 0)
 
     def findings(self) -> list[Finding]:

@@ -25,9 +25,9 @@ class _Kind(NamedTuple):
     roles: list[int]  # of the decoded signals
     factors: list[float]
     slots: list[range]  # the decoded signals that one joint uses
-    pages: list[int | None]  # the one that is NaN in frames of others; None: none is
+    pages: list[int | None]  # place of a value that is NaN in frames of other pages
     words: NDArray[np.uint32]
-    lengths: IntArray  # the least that a frame has
+    lengths: IntArray  # least number of bytes in a frame
     most: IntArray
     joints: IntArray  # (messages, slots) place of the joint
     members: IntArray  # (messages, slots) which of the joint's parts this is

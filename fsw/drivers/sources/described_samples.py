@@ -27,7 +27,7 @@ from fsw.messages import FloatArray, IntArray
 
 LATEST_RATIO = 0.9  # of a period: a sample later after its cue is refused
 BY_CUE = ("last_sync", "request")
-EACH = 1.5  # cues a period: a device with fewer answers each of them
+EACH = 1.5  # cues per period: a device with fewer answers each of them
 SPREAD_RATIO = 0.5  # of a period between the frames of one sample
 LATEST_S = 1.0  # age of a sample by the time of day that it holds
 

@@ -61,7 +61,7 @@ class Groupings:
     def __init__(self, joints: Sequence[tuple[int, int | None]]) -> None:
         self._each = [Grouping(*own) for own in joints]
         members = {own[0] for own in joints}
-        self._members = members.pop() if len(members) == 1 else 0  # 0: not the same of all
+        self._members = members.pop() if len(members) == 1 else 0  # 0: they differ
         self._by_cue = np.array([own[1] is None for own in joints])
         self._spread_ns = np.array([own[1] or 0 for own in joints])
 

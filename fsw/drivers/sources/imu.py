@@ -208,7 +208,7 @@ class ImuSource:
                 self._counts.accepted_bytes += len(frame.data)
             elif isinstance(datagram, Reject):
                 self._counts.reject(datagram, len(frame.data))
-                if datagram is not Reject.STALE:  # without a time, it is none of the counted ones
+                if datagram is not Reject.STALE:  # a stale one is not counted as a sample
                     self._watch.refused(frame.pieces[-1].t_ns, frame.skipped)
             elif self._is_in_range(datagram):
                 good.append((frame, datagram))

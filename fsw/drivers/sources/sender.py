@@ -20,7 +20,7 @@ from fsw.drivers.wire import Reject
 MODULUS = 1 << 32
 MOST_AGE_NS = 1_000_000_000  # from validity to sending
 CHAIN, CHAIN_NS = 3, 100_000_000  # this many in order over this time are believed
-MOST_RATE = 2.0  # a sender at more than this multiple of its rate skips numbers that it never sent
+MOST_RATE = 2.0  # multiple of the declared rate at which a sender's numbers may grow
 SPARE = 16  # numbers that may be skipped besides
 YOUNG_NS = 1_000_000_000  # time after which the clock model has seen a prompt arrival
 

@@ -26,7 +26,7 @@ STEPS = 16  # changes from bin to bin that are compared
 SPANS = (1, 2, 4, 8, 16, 32)  # lengths of the compared bins; a bin's mean is used
 WALK_SHARE = 1.5  # variance of a walk's change over all bins / that of independent steps
 FRAME_BITS = 160  # longest classic frame, with stuff bits and the gap behind it
-FRAMES = 1.5  # a longer movement of the delay is no other sender's frame
+FRAMES = 1.5  # a frame of another sender moves the delay by less
 BITRATE = 1_000_000  # of a bus whose configuration leaves it to the system
 KEPT_SPAN = 8  # length of the bins over which a place must first be kept: 6.8 s at 500 Hz
 KEPT = 0.25  # of the limit: 9e-6 of that time, less than most crystals differ
@@ -134,7 +134,7 @@ class _Course:
             return
         self.moved_ns += step_ns
         period_ns = self._period_ns
-        if period_ns is not None and abs(step_ns) > self._limit_ns:  # a step may be by periods too
+        if period_ns is not None and abs(step_ns) > self._limit_ns:  # or by whole periods
             self.moved_ns = (self.moved_ns + 0.5 * period_ns) % period_ns - 0.5 * period_ns
         if abs(self.moved_ns) <= 0.5 * self._limit_ns:
             self.is_out = False

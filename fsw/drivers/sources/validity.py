@@ -18,7 +18,7 @@ from fsw.drivers.sources.sequence import Counted, CounterTrack, Step
 from fsw.messages import FloatArray, IntArray
 
 SETTLED = 50  # samples after which an arrival before the line is impossible
-EARLY_RATIO = 0.1  # of a period: an arrival that much before the line may be of the line's error
+EARLY_RATIO = 0.1  # of a period: the line's error explains an arrival that much before it
 LATE_RATIO = 0.25  # of a period: if SETTLED arrivals in a row are later, the phase has changed
 NEAR_RATIO = 0.05  # of a period: an arrival so much before the line is surely the next one
 DOUBTED = 3  # impossible arrivals in a row after which the line begins anew

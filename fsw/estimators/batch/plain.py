@@ -26,7 +26,7 @@ from fsw.messages import FloatArray
 MAX_PLAIN_STEPS = 40  # up to 18 were needed from starts that were 30-50 % wrong
 PATIENCE = 10  # steps; if none of them is shorter by a tenth than all before, they do not settle
 CONVERGED = 1e-3  # whitened rms step at which the iteration stops
-COST_RISE = 1e-3  # relative, of a step between consistent bodies; above, it is halved
+COST_RISE = 1e-3  # relative; a step between consistent bodies with a larger rise is halved
 HALVINGS = 10
 NOISE_PROBABILITY = 1e-3  # that noise alone moves a body so far out of the consistent ones
 WEAKEST_GAIN = (
@@ -111,7 +111,7 @@ def plain_solution(
     """
     x, settled = gauss_newton(problem, target, prior, start)
     possible = all(is_consistent(x[problem.body(name)]) for name in problem.unknown)
-    # steps with rows at the nearest consistent bodies can swing about a body near nothing
+    # steps with rows at the nearest consistent bodies can swing about a body of almost no mass
     found = None if possible else light(problem, target, prior, x)
     if found is None and not (settled and possible):
         return at_the_edge(problem, target, prior, x)

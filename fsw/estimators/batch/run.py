@@ -53,12 +53,12 @@ from fsw.messages import Block, BodyEstimate, FloatArray
 
 # problem, mean (p,), covariance (p, p), fused rows of the blocks used at the mean
 Keep = Callable[[Problem, FloatArray, FloatArray, Collection[Rows]], None]
-# the same but the rows; returns what contradicts the estimate, empty: nothing
+# the same without the rows; returns what contradicts the estimate, empty if nothing does
 Predict = Callable[[Problem, FloatArray, FloatArray], str]
 CURVED = ("cm", "ce")  # methods whose likelihood is curved along the bodies' common scale
 NEED_EVERY_TORQUE = ("mrnea", "ce")
 WARM = ("rda", "ce")  # methods that need a good start: they begin at the linear method's result
-WARM_BLOCKS = 32  # least number, if there are so many, for RDA's start, which need only be near
+WARM_BLOCKS = 32  # least number for RDA's start, which need only be near; all if there are fewer
 WIDENINGS = 6  # rounds: first of bodies, which constrain one another, then of the rest of the model
 SETTLED = ("OK", "INSUFFICIENT_EXCITATION")
 BIASED = (
@@ -73,7 +73,7 @@ class _Found:
 
     problem: Problem  # with the prior of this solution
     solution: BatchSolution
-    failed: Failed  # checks; those of the number of blocks and of possible bodies are left to do
+    failed: Failed  # checks so far; the number of blocks and possible bodies are checked later
     mean: FloatArray  # (p,)
     covariance: FloatArray  # (p, p)
     note: str

@@ -15,7 +15,7 @@ from numpy.polynomial import legendre
 from fsw.estimators.conditioning.polynomial import EXTRA_DEGREE, gauss_nodes
 from fsw.messages import FloatArray
 
-DULLEST = 2.0  # times the configured rate: below, friction may have any value
+DULLEST = 2.0  # times the configured rate: friction is uncertain at speeds up to about this
 INSTANTS = 64  # in a window, at which the shape is evaluated
 
 

@@ -33,7 +33,7 @@ def _of_unit(setting: Setting) -> Spread:
     return ("gyro", "accelerometer"), [setting.config.imu.delay_sigma_s] * 2
 
 
-TORQUE = StateGroup(  # by which a joint's torque is later than its angle
+TORQUE = StateGroup(  # of a joint's torque, relative to its angle
     name="torque_delay",
     effect="delays of torques",
     unit="s",
@@ -186,7 +186,7 @@ def delays(setting: Setting, places: Mapping[str, slice], torques: int) -> Delay
         k = slice(own, own + buses)
         of_joints[:, k] = [[joint.bus == bus.name for bus in config.buses] for joint in joints]
         of_channels[:n, k] = of_joints[:, k]
-        if not (config.wheels or config.thrusters):  # other sensors alone are timed by the base
+        if not (config.wheels or config.thrusters):  # the first joint's bus keeps the time
             first = of_joints[0].copy()
             of_joints -= first
             of_channels -= first

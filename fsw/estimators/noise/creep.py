@@ -31,9 +31,9 @@ ONSETS = (0.0, 0.2, 0.4, 0.6, 0.8)  # of the ramps, as shares of the blocks
 LEAST_BLOCKS = 8
 GROUP = 512  # blocks whose products are in memory at once
 LEAST_OWN = 1e-4  # least share of a column's variance that the states leave to it
-NOTICED = sigmas("creep", sides=2)  # at which sigma follows a change that shows
-REFUSED = sigmas("drift", sides=2)  # at which a change that does harm is a mismatch
-HARM = 2.0  # sigmas by which such a change moves a body
+NOTICED = sigmas("creep", sides=2)  # size above which a change widens sigma
+REFUSED = sigmas("drift", sides=2)  # size above which a harmful change is a mismatch
+HARM = 2.0  # sigmas by which a harmful change moves a body
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -95,7 +95,7 @@ class SensorNoise:
         if model_nm2 is not None:
             self._counted[: len(model_nm2), :nodes, :nodes] = model_nm2
         self._sums = np.zeros((len(LAGS), len(declared)))
-        self._windows = np.zeros(len(declared), np.int64)  # the inertial unit counts every axis
+        self._windows = np.zeros(len(declared), np.int64)  # of the inertial unit: times axes
         # (n + 2, 2 m, 2 m) added to the declared covariance; see `Shapes`
         self._excess: FloatArray | None = None
         for count in {k for k in samples.tolist() if k > nodes + EXTRA_DEGREE}:

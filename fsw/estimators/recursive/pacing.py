@@ -36,7 +36,7 @@ class Pacing:
         self.settled, self._bound = settled, bound
         self._last_move = self._last_step = np.inf
         self._last_since = 1
-        self._before: FloatArray | None = None  # the point from which the last pass's came
+        self._before: FloatArray | None = None  # the point before the last pass's
         self._misfit = np.inf  # there
         self._good: FloatArray | None = None  # this point, if the last pass's fits worse
         self._returns = False  # whether the last pass's point took a step back

@@ -17,7 +17,7 @@ from fsw.messages import FloatArray
 DRIFT = 1.0  # standard deviations subtracted per block
 CELLS = 120
 LEAST = 2.5 * DRIFT  # below it, the cap would be no more than the drift
-REACH = 0.5  # of the threshold: most that one block counts, so that it alone raises no alarm
+REACH = 0.5  # of the threshold: most that one block's excess counts; one is no alarm
 TOLERANCE = 0.01  # of the logarithm of the rate
 
 

@@ -384,7 +384,7 @@ class Recursion(Estimation):
     def _check_prior(self) -> None:
         """Widen the groups of the prior that the data contradict; let the estimate settle again."""
         self._check_due = False
-        covariance = self._white_covariance()  # whose mean the estimate is; a wider one has another
+        covariance = self._white_covariance()  # the estimate's own; a wider one has another mean
         prior = self.origin.mean, self.origin.covariance
         widened, found = widen(self.problem, prior, (self.x, covariance))
         self.conflict = bool(found)

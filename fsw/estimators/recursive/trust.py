@@ -29,7 +29,7 @@ from fsw.messages import Block, FloatArray
 
 LASTING_BLOCKS = 4  # blocks of mismatch before a re-opening; a change of bodies is found sooner
 SUSPECT_BLOCKS = 64  # blocks that a model must fit after a mismatch before it is trusted again
-REPEATS = 0.5  # of the limit of a lasting correlation: to count repetitions in vain costs little
+REPEATS = 0.5  # share of a correlation's limit above which repetitions are counted; this is cheap
 UNEXPLAINED = 0.05  # share of a held arm's torques that may be unmodelled friction and the like
 CREPT = "what changed before the estimate was re-opened crept, as a sensor does"
 GATED_SHARE = 0.25  # of the blocks; if more do not fit, they are not outliers
