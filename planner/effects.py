@@ -67,10 +67,10 @@ def told(config: Config, problem: Problem, motion: Trajectory | None) -> list[st
     known = costs(config, problem, trajectory)
     found = [cost.text(problem.unknown) for cost in known]
     if not any(max(cost.mass_kg) > 0.0 for cost in known):
-        found = [f"none: {words} does not tell the mass of {' or '.join(problem.unknown)}"]
+        found = [f"none: {words} does not determine the mass of {' or '.join(problem.unknown)}"]
     return [
-        f"over {trajectory.duration_s:g} s of {words}, by linearised rows, what an effect of the "
-        "size that is declared would do to a mass (in sigmas that are predicted without it):",
+        f"over {trajectory.duration_s:g} s of {words}, linearised: error of a mass from an effect "
+        "of its declared size (in sigmas predicted without it):",
         *found,
         f"no size declared, so no cost: {', '.join(undeclared(config, problem)) or 'nothing'}",
     ]

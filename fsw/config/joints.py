@@ -213,7 +213,7 @@ class JointConfig(Section):
     exact"""
     angle_scale_sigma_ratio: ScaleSigma = 0.0
     """1 sigma of the scale of the angle's reading: a true angle, before `zero_offset_rad`, over the
-    reading, less 1. 0: it is exact; a change within the run is watched. Not with `encoder: speed`
+    reading, minus 1. 0: it is exact; a change within the run is watched. Not with `encoder: speed`
     nor `modes`"""
     link_sigma_ratio: ScaleSigma | None = None
     """of the link this joint moves, instead of `robot.links_sigma_ratio`, where one link is known

@@ -37,7 +37,7 @@ class CheckpointStore:
     def __init__(
         self, directory: Path, identity: Identity, boot_id: Callable[[], str] = str
     ) -> None:
-        """`boot_id` returns the identifier of the clock that the stamps are of; empty: unknown."""
+        """`boot_id` returns the identifier of the stamps' clock; empty: it is unknown."""
         self._directory, self._identity, self._boot_id = directory, identity, boot_id
         self._sequences: dict[str, int] | None = None
 

@@ -70,7 +70,11 @@ def figures(device: Mapping[str, Any]) -> list[str]:
 def limit(given: float, most: float, seen: float, otherwise: float) -> str:
     """Return a limit with a comment.
 
-    That of the URDF is replaced if no joint has it, or the recording exceeds it.
+    Parameters
+    ----------
+    given : of the URDF; used if it is positive, at most `most`, and not exceeded by `seen`
+    seen : largest value of a recording; 0: none
+    otherwise : used if neither of them can be
     """
     is_given = 0.0 < given <= most
     if is_given and seen <= given:

@@ -2,7 +2,7 @@
 
 A line sends the bytes of a frame without gaps, so each chunk bounds the arrival: an earlier chunk
 by its stamp plus the time of the bytes still missing, the chunk with the last byte by its stamp
-less the time of the accepted bytes behind it. Bytes in no accepted frame never count, so junk
+minus the time of the accepted bytes behind it. Bytes in no accepted frame never count, so junk
 shifts no time. Bounds of earlier chunks are final when the frame is accepted. The bound of the last
 chunk is final once the next accepted frame that ends in a later chunk is known.
 """

@@ -49,7 +49,7 @@ class Timed:
 
     index: int  # running number, without wraps and restarts
     t_valid_ns: int
-    late_ns: float  # from sending to arrival, less the least delay if the clock is fitted
+    late_ns: float  # from sending to arrival, minus the least delay if the clock is fitted
     lost: int  # datagrams missing before it
 
 

@@ -39,7 +39,7 @@ READ_SLOW = Decoder(SLOW, SLOW.named("temperature"))
 class WheelBusSource:
     """Every wheel of one bus.
 
-    A report is timed as a described joint's sample is, less the wheel's delay.
+    A report is timed as a described joint's sample, minus the wheel's delay.
 
     Parameters
     ----------

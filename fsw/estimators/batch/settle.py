@@ -138,7 +138,7 @@ def fit(found: Sequence[tuple[FloatArray, int]], level: float, probability: floa
 
 
 def _fitted(problem: Problem, solution: BatchSolution) -> float:
-    """Return how many parameters the data have fitted: all, less the prior's share."""
+    """Return how many parameters the data have fitted: all minus the prior's share."""
     prior = problem.prior.at(solution.mean)
     held = prior.R @ solution.information.covariance_root()
     return float(len(prior.z) - np.sum(held**2))

@@ -90,7 +90,7 @@ class Switched:
                 terms = integral[order : order + m] * alternating[:, None, None]  # (j, end, edge)
                 at_ends = np.einsum("kjb,jbe->kbe", ends, terms)
                 per_edge[order - 1, which] = at_ends[:, 1] - at_ends[:, 0]
-            # less a constant, so that the integral is zero at the window's start
+            # minus a constant, so that the integral is zero at the window's start
             per_edge[1, which, 0] -= 2.0 * integral[1, 0]
             wholes[which] = integral[1, 1] - integral[1, 0]
         # difference from the commanded one

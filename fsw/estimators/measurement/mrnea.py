@@ -64,7 +64,7 @@ def base_acceleration(
     """Return w_NB_B (m, 3) minus its bias, and the base's acceleration (m, 6) in B, linear first.
 
     Both are corrected for the mounting. In free fall the linear acceleration is that of the base's
-    origin, less gravity there: a_b = f_S - bias - wd x r - w x (w x r) + G r.
+    origin, minus gravity there: a_b = f_S - bias - wd x r - w x (w x r) + G r.
 
     Parameters
     ----------
@@ -246,7 +246,7 @@ def _regressors(
     problem: Problem,
     G: FloatArray,
 ) -> FloatArray:
-    """Return Y (N, 6+n, 10 (n+1)) at the nodes, less that of the field."""
+    """Return Y (N, 6+n, 10 (n+1)) at the nodes minus that of the field."""
     Y = problem.model.regressors(s.q_rad, w, qd, acceleration)
     if problem.orbit is not None:
         Y -= problem.model.field_regressors(s.q_rad, G)

@@ -108,7 +108,7 @@ def usable_rows(
 ) -> list[Rows]:
     """Return `linearised` rows of consecutive blocks.
 
-    Nothing if for one of them the base has no inertia there or the rows are not finite.
+    The list is empty if the base has no inertia at `at`, or rows of a block are not finite.
     """
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         try:

@@ -113,7 +113,7 @@ class StateGroup:
 
     @property
     def is_exact_if_absent(self) -> bool:
-        """Return whether, without the states, data count as exact; False: an effect is left out."""
+        """Return whether a model without the states treats a constant as exact, not as absent."""
         return self.is_judged or not self.is_published
 
     def applies_to(self, config: Config) -> bool:

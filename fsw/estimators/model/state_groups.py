@@ -155,7 +155,7 @@ GROUPS = (
         is_repeated=True,
         mistake="zero_offset_rad of joints",
     ),
-    StateGroup(  # true angle, before its zero, over the measured one, less 1
+    StateGroup(  # true angle, before its zero, over the measured one, minus 1
         name="joint_scale",
         effect="scales of the joints' angles",
         unit="",
@@ -192,7 +192,7 @@ GROUPS = (
         doubt=5e-3,
         unknown=np.pi,
     ),
-    StateGroup(  # true rate over the gyro's reading along each axis of the unit, less 1
+    StateGroup(  # true rate over the gyro's reading along each axis of the unit, minus 1
         name="gyro_scale",
         effect="scales of the gyro",
         unit="",

@@ -277,7 +277,7 @@ def _autocovariance(b: FloatArray) -> FloatArray:
 
 
 def _excess(A: FloatArray, lagged: FloatArray) -> FloatArray:
-    """Return the long-run covariance of the score of rows (N, C, p), less their information."""
+    """Return the long-run covariance of the score of rows (N, C, p) minus their information."""
     count, kinds, p = A.shape
     longest = min(len(lagged), count)
     total = np.zeros((p, p))

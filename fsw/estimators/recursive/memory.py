@@ -337,7 +337,7 @@ class Memory:
         return self.information if level == 1.0 else _joined(self.prior, self.data, level**-0.5)
 
     def fitted(self) -> float:
-        """Return how many parameters the data have fitted: all, less the prior's share."""
+        """Return how many parameters the data have fitted: all minus the prior's share."""
         held = self.prior.R @ self.information.covariance_root()
         return float(len(self.prior.z) - np.sum(held**2))
 

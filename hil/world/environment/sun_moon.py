@@ -50,7 +50,7 @@ def _positions_m(
 
 
 def pull_m_s2(at_m: FloatArray, body_m: FloatArray, gm_m3_s2: float) -> FloatArray:
-    """Return a body's gravity (k, 3) at `at_m`, less the body's gravity at the Earth's centre."""
+    """Return a body's gravity (k, 3) at `at_m` minus that at the Earth's centre."""
     to = body_m - at_m
     near = to / np.linalg.norm(to, axis=-1, keepdims=True) ** 3
     far = body_m / np.linalg.norm(body_m, axis=-1, keepdims=True) ** 3

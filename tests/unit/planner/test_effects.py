@@ -141,7 +141,7 @@ def test_a_motion_in_which_nothing_moves_tells_no_mass_and_so_no_cost():
     problem = build_problem(config, robot_model())
     still = nominal_motion(config, problem.model).scaled(0.0)
     lines = told(config, problem, still)
-    assert lines[1] == "none: this motion does not tell the mass of target"
+    assert lines[1] == "none: this motion does not determine the mass of target"
     assert not any("would cost" in line or "may cost" in line for line in lines)
 
 
