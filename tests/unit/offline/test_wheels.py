@@ -14,7 +14,7 @@ def test_wheel_nodes_are_no_strangers_in_a_recording() -> None:
     data = struct.pack("<ihBB", 0, 0, 9, 1)
     frames = [CanFrame(1, 0x180 + node, data) for node in (0x11, 0x21, 0x24)]
     nodes.put(CanTraffic("arm", frame_array(frames)))
-    assert not any("are no nodes" in line for line in nodes.findings())
+    assert not any("are not nodes" in line for line in nodes.findings())
     nodes.put(CanTraffic("arm", frame_array([CanFrame(1, 0x1A5, data)])))
     assert "0x25" in nodes.findings()[0]
 
