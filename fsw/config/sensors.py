@@ -82,7 +82,7 @@ class Mounting(Section):
             return data
         angles = data["rpy_BS_rad"]
         if "q_BS_xyzw" in data:
-            raise ValueError("rpy_BS_rad: given besides q_BS_xyzw; must be one of the two")
+            raise ValueError("rpy_BS_rad: given together with q_BS_xyzw; must be one of the two")
         if not (
             isinstance(angles, list | tuple)
             and len(angles) == 3

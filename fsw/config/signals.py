@@ -86,7 +86,7 @@ class LayoutSignalConfig(Section):
     @model_validator(mode="after")
     def _one_scale(self) -> Self:
         if self.range is not None and (self.scale is not None or self.offset is not None):
-            raise ValueError("range: given besides scale or offset; must be one of the two")
+            raise ValueError("range: given together with scale or offset; must be one of the two")
         if self.range is not None and (self.number != "unsigned" or self.range[0] >= self.range[1]):
             raise ValueError(
                 f"range: {list(self.range)} of a {self.number} number; must rise, and be of an "
