@@ -37,7 +37,7 @@ from fsw.scheduler.align import Aligner
 
 
 class BusChannel:
-    """Decodes the frames of the joints and actuators of one bus."""
+    """Decodes the frames of all devices of one bus."""
 
     def __init__(self, config: Config, bus: BusConfig) -> None:
         joints = [
@@ -52,7 +52,7 @@ class BusChannel:
             self.source = DescribedBusSource(bus, joints, layouts, config.health)
         else:
             self.source = JointBusSource(bus, joints, config.health)
-        self.others = other_sources(config, bus)
+        self.others, self._has_joints = other_sources(config, bus), bool(joints)
         words = [word for part in (self.source, *self.others) for word in part.words]
         self._starts = words if bus.sync == "none" else [COB_SYNC]  # begin the grid of windows
         self._waiting: list[FrameArray] = []
@@ -64,9 +64,12 @@ class BusChannel:
 
     @property
     def counters(self) -> dict[str, dict[str, int]]:
-        """Counters of the joints, by name of the bus, and of sensors."""
+        """Counters of the bus, which are those of its joints if it has some, and of sensors."""
+        bus = self.source.counters
+        for own in () if self._has_joints else self.others:
+            bus |= {key: bus.get(key, 0) + count for key, count in own.counters.items()}
         sensors = [own for own in self.others if isinstance(own, SensorBusSource)]
-        return {self.name: self.source.counters} | {own.kind: own.counters for own in sensors}
+        return {self.name: bus} | {own.kind: own.counters for own in sensors}
 
     def put(self, traffic: CanTraffic | SerialTraffic) -> None:
         """Keep frames until the end of the batch."""
@@ -76,7 +79,7 @@ class BusChannel:
     def first_ns(self) -> int | None:
         """Return the stamp of the first waiting frame that begins the grid [ns]; None: none does.
 
-        It is a SYNC; on a bus without SYNC, a frame of a joint.
+        It is a SYNC; on a bus without SYNC, a frame of a device.
         """
         first = [part["t_ns"][np.isin(part["word"], self._starts)] for part in self._waiting]
         return next((int(t_ns[0]) for t_ns in first if t_ns.size), None)
@@ -87,10 +90,17 @@ class BusChannel:
         if not waiting:
             return
         frames = joined(waiting)
-        for other in self.others:
+        is_of_others = np.zeros(len(frames), np.bool_)
+        for other in self.others:  # which may share a message, among them and with the joints
             yield other.feed(frames), isinstance(other, SensorBusSource) and other.is_screened
-            frames = picked(frames, ~other.owns(frames))
-        yield self.source.feed(frames), True
+            is_of_others |= other.owns(frames)
+        is_of_others &= ~np.isin(frames["word"], list(self.source.words))
+        yield self.source.feed(picked(frames, ~is_of_others)), True
+
+    def watch(self, now_ns: int, *, up: bool) -> None:
+        """Find out which devices are silent; `up`: whether the bus has its port."""
+        for part in (self.source, *self.others):
+            part.watch(now_ns, up=up)
 
     def findings(self) -> list[Finding]:
         """Return the faults found since the last call."""
@@ -164,6 +174,10 @@ class LineChannel:
         if waiting:
             yield self.source.feed(waiting), not self._is_sampled
 
+    def watch(self, now_ns: int, *, up: bool) -> None:
+        """Find out whether the device is silent; `up`: whether it has its port."""
+        self.source.watch(now_ns, up=up)
+
     def findings(self) -> Sequence[Finding]:
         """Return the faults found since the last call."""
         return self.source.findings()
@@ -205,6 +219,10 @@ class FeedChannel:
         waiting, self._waiting = self._waiting, []
         for samples in self.source.feed(waiting):
             yield samples, False
+
+    def watch(self, now_ns: int, *, up: bool) -> None:
+        """Find out whether the sender is silent; `up`: whether the feed is open."""
+        self.source.watch(now_ns, up=up)
 
     def findings(self) -> Sequence[Finding]:
         """Return the faults found since the last call."""

@@ -260,7 +260,7 @@ class Estimation(NullSink):
         health.stalled(end.stalls, now_ns)
         health.over_budget(end.over_budget_ns, now_ns)
         for channel in self.channels.values():
-            channel.source.watch(now_ns, up=channel.name not in end.lost)
+            channel.watch(now_ns, up=channel.name not in end.lost)
             for words in channel.events():
                 self._report(*words)
             health.take(channel.findings(), now_ns)

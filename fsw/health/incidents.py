@@ -74,6 +74,8 @@ OF_A_STALL = frozenset(
         Fault.TRACKER_SILENT,
         Fault.TRACKER_LOST,
         Fault.TRACKER_LATE,
+        Fault.WHEEL_SILENT,
+        Fault.THRUSTER_SILENT,
     }
 )
 LOOP = "loop"

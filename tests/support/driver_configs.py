@@ -56,3 +56,17 @@ def joint_config(node_id: int, **changes: Any) -> JointConfig:
         "position_noise_rad": 1e-6,
     }
     return JointConfig(**(data | changes))
+
+
+def unit_on_bus(data: dict[str, Any]) -> None:
+    """Put the inertial unit of a configuration on its first bus: six signals of one message."""
+    axes = [f"{role}_{axis}" for role in ("rate", "force") for axis in "xyz"]
+    fields = [
+        {"name": name, "start": 8 * k, "bits": 8, "number": "signed"}
+        | {"unit": "rad/s" if k < 3 else "m/s^2"}
+        for k, name in enumerate(axes)
+    ]
+    data["buses"][0]["messages"] = [{"name": "unit", "id": 0x300, "length": 6, "signals": fields}]
+    data["imu"] |= {"driver": "described", "bus": data["buses"][0]["name"], "port": None}
+    data["imu"] |= {"signals": {name: {"message": "unit", "signal": name} for name in axes}}
+    data["imu"] |= {"timing": {"by": "arrival", "sigma_s": 1e-4}}

@@ -25,7 +25,7 @@ class Reporter(NamedTuple):
     name: str
     rate_hz: float
     layout: Layout
-    node_id: int | None  # of a tailored node, which has other services too; None: of a foreign one
+    node_id: int | None  # of a CANopen node, which has other services too; None: it is none
 
 
 class Reports:
@@ -64,12 +64,17 @@ class Reports:
             for name, rate_hz in zip(names, rates_hz, strict=True)
         ]
         self._found: list[Finding] = []
-        self._now_ns = 0
 
     @property
     def words(self) -> list[int]:
         """Identifiers of the reports, with flag bits."""
         return [int(word) for word in self._samples.words]
+
+    @property
+    def counters(self) -> dict[str, int]:
+        """Counters of all devices together."""
+        each = [own.as_dict() for own in self.counts]
+        return {key: sum(own[key] for own in each) for key in each[0]}
 
     def owns(self, frames: FrameArray) -> NDArray[np.bool_]:
         """Return (k,) which frames belong to the devices only; a SYNC does not."""
@@ -77,32 +82,40 @@ class Reports:
 
     def read(self, frames: FrameArray) -> Timed:
         """Accept frames in order, SYNCs among them; return the reports they hold."""
-        if len(frames):
-            self._now_ns = int(frames["t_ns"][-1])
         timed, short = self._samples.read(frames)
         for place, t_ns, size in short:
             self._refuse(place, t_ns, Reject.LENGTH, size, f"{size} bytes")
         return timed
 
-    def good(self, timed: Timed, in_range: NDArray[np.bool_]) -> NDArray[np.intp]:
-        """Return the rows of the reports that are accepted; count all."""
+    def good(
+        self, timed: Timed, has_value: NDArray[np.bool_], in_range: NDArray[np.bool_]
+    ) -> NDArray[np.intp]:
+        """Return the rows of the reports that are accepted; count all.
+
+        Parameters
+        ----------
+        has_value, in_range : (k,) whether a report holds a usable value, and one that may be
+        """
         rows = []
         for k, place in enumerate(timed.device.tolist()):
             number, done_ns = int(timed.number[k]), int(timed.done_ns[k])
+            if timed.crept[k]:  # of the bus
+                self.counts[place].reject(Reject.STALE, 0)
+                self._watches[place].refused(done_ns, 0)
+                text = self._samples.movement
+                self._found.append(Finding(done_ns, Fault.SYNC_CREEPS, self._bus, text))
+                continue
             newest, before_ns = self._newest[place]
             reasons = (
                 (number < 0, Reject.STALE),
-                (not timed.is_good[k], Reject.STATUS),
+                (not (timed.is_good[k] and has_value[k]), Reject.STATUS),
                 (not in_range[k], Reject.RANGE),
                 (number <= newest, Reject.SEQUENCE),
             )
             reason = next((why for is_bad, why in reasons if is_bad), None)
-            if timed.crept[k]:
-                self._watches[place].followed(done_ns)
-                text = self._samples.movement
-                self._found.append(Finding(done_ns, Fault.SYNC_CREEPS, self._bus, text))
             if reason is not None:
-                self._refuse(place, done_ns, reason, 0, f"status 0x{timed.status[k]:x}")
+                text = "no usable value" if timed.is_good[k] else f"status 0x{timed.status[k]:x}"
+                self._refuse(place, done_ns, reason, 0, text)
                 continue
             t_ns, lost = int(timed.t_ns[k]), 0
             if self._refused and newest >= 0:
@@ -128,11 +141,12 @@ class Reports:
             if reason is not Reject.LENGTH:  # found before the others of its batch
                 self._watches[place].refused(t_ns, 0)
 
-    def findings(self) -> list[Finding]:
-        """Return the findings since the last call, and one for every silent device."""
-        found, self._found = self._found, []
+    def watch(self, now_ns: int, *, up: bool) -> None:
+        """Report silent devices; a missing port (`up` is False) explains their silence."""
         for watch in self._watches:
-            if self._now_ns:
-                watch.watch(self._now_ns, up=True)
-            found += watch.take()
-        return found
+            watch.watch(now_ns, up=up)
+
+    def findings(self) -> list[Finding]:
+        """Return the findings since the last call."""
+        found, self._found = self._found, []
+        return found + [finding for watch in self._watches for finding in watch.take()]

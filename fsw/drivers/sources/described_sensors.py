@@ -14,7 +14,7 @@ from fsw.drivers.sources.line_watch import IMU_LINE, TRACKER_LINE, LineFaults
 from fsw.drivers.sources.samples import SampleSource, attitude_samples, imu_samples
 from fsw.drivers.wire import FrameArray, Reject
 from fsw.messages import Samples
-from fsw.messages.findings import Fault, Finding
+from fsw.messages.findings import Fault
 
 FINE_RATIO = 0.01  # of the noise: three equal vectors of larger steps may be chance
 
@@ -90,15 +90,12 @@ class SensorBusSource:
         reporter = Reporter(config.name, config.rate_hz, layout, config.node_id)
         self._reports = Reports(bus, [reporter], own.line, own.refused, health.silent_periods)
         self.words, self.owns = self._reports.words, self._reports.owns
+        self.watch, self.findings = self._reports.watch, self._reports.findings
 
     @property
     def counters(self) -> dict[str, int]:
         """Counts of accepted and rejected samples, by name."""
-        return self._reports.counts[0].as_dict()
-
-    def findings(self) -> list[Finding]:
-        """Return the findings since the last call."""
-        return self._reports.findings()
+        return self._reports.counters
 
     def feed(self, frames: FrameArray) -> Samples:
         """Accept frames in order, SYNCs among them, and return the samples they hold."""
@@ -109,8 +106,7 @@ class SensorBusSource:
         values = np.where(is_whole[:, :, None], read, np.nan).reshape(len(read), count * width)
         is_some, index = is_whole.any(axis=1), np.arange(len(read))
         in_range = np.isin(index, build(timed.t_ns, index, values).t_receive_ns)
-        timed = timed._replace(is_good=timed.is_good & is_some)
-        rows = self._reports.good(timed, in_range)
+        rows = self._reports.good(timed, is_some, in_range)
         for row in rows[~is_whole[rows].all(axis=1)].tolist():
             for cluster in np.flatnonzero(~is_whole[row]).tolist():
                 fault = self._clusters[cluster]

@@ -89,11 +89,16 @@ class _Node:
         return found
 
     def _changed(self, is_open: bool, told_s: float, age_ns: int, gap_ns: int) -> tuple[int, int]:
-        """Return how often a device's valve has changed, 2: or more; and how old the newest is."""
+        """Return how often a device's valve has changed, 2: or more; and how old the newest is.
+
+        A time open that was not told, now or before, may hide any number of changes.
+        """
         differs = is_open != bool(self.valves)
         if not self._wrap_s:
             return (1 if differs else 2 * (0 <= age_ns < gap_ns - self._rounding_ns)), age_ns
         open_s = told_s - self._told_s
+        if not np.isfinite(open_s):
+            return 2, -1
         open_ns = round((open_s - np.floor(open_s / self._wrap_s + 1e-9) * self._wrap_s) * 1e9)
         if differs:
             age_ns = open_ns if is_open else gap_ns - open_ns
@@ -136,14 +141,18 @@ class ThrusterBusSource:
         ]
         self._reports = Reports(bus, reporters, silent_only(Fault.THRUSTER_SILENT))
         self.words, self.owns = self._reports.words, self._reports.owns
-        self.findings = self._reports.findings
+        self.watch, self.findings = self._reports.watch, self._reports.findings
+
+    @property
+    def counters(self) -> dict[str, int]:
+        """Counters of all reports."""
+        return self._reports.counters
 
     def feed(self, frames: FrameArray) -> DeviceSamples:
         """Accept frames in order, SYNCs among them, and return the states they hold."""
         timed = self._reports.read(frames)
         told = timed.values[:, [VALVE, CHANGE, TIME]]
-        timed = timed._replace(is_good=timed.is_good & np.isfinite(told[:, 0]))
-        rows = self._reports.good(timed, np.ones(len(told), np.bool_))
+        rows = self._reports.good(timed, np.isfinite(told[:, 0]), np.ones(len(told), np.bool_))
         columns = (timed.device, timed.t_ns, timed.done_ns, *told.T)
         found = list[_Row]()
         for place, *report in zip(*(column[rows].tolist() for column in columns), strict=True):

@@ -66,15 +66,20 @@ class WheelBusSource:
         ]
         self._reports = Reports(bus, reporters, silent_only(Fault.WHEEL_SILENT))
         self.words, self.owns = self._reports.words, self._reports.owns
-        self.findings = self._reports.findings
-        ids = [wheel.node_id for wheel in self._wheels]
-        self._slow = {canopen.COB_TPDO2 | node: k for k, node in enumerate(ids) if node}
-        self._is_node = np.array([node is not None for node in ids])
+        self.watch, self.findings = self._reports.watch, self._reports.findings
+        tailored = [wheel.node_id if wheel.driver == "canopen" else None for wheel in self._wheels]
+        self._slow = {canopen.COB_TPDO2 | node: k for k, node in enumerate(tailored) if node}
+        self._is_tailored = np.array([node is not None for node in tailored])
         self._senses_torque = np.array([wheel.torque == "measured" for wheel in self._wheels])
         self._speed_limit = np.array([wheel.speed_limit_rad_s for wheel in self._wheels])
         self._torque_limit = np.array([wheel.torque_limit_nm for wheel in self._wheels])
         self._late_ns = np.array([round(wheel.delay_s * 1e9) for wheel in self._wheels])
         self._values: list[dict[str, float]] = [{} for _ in wheels]
+
+    @property
+    def counters(self) -> dict[str, int]:
+        """Counters of all reports."""
+        return self._reports.counters
 
     def feed(self, frames: FrameArray) -> DeviceSamples:
         """Accept frames in order, SYNCs among them, and return the samples they hold."""
@@ -87,9 +92,9 @@ class WheelBusSource:
         wheel, speed, torque = timed.device, timed.values[:, POSITION], timed.values[:, TORQUE]
         is_known = np.isfinite(speed)
         in_range = np.abs(speed) <= self._speed_limit[wheel]
-        rows = self._reports.good(timed._replace(is_good=timed.is_good & is_known), in_range)
+        rows = self._reports.good(timed, is_known, in_range)
         has_torque = self._senses_torque[wheel] & (np.abs(torque) <= self._torque_limit[wheel])
-        has_torque &= canopen.torque_usable(timed.status) | ~self._is_node[wheel]
+        has_torque &= canopen.torque_usable(timed.status) | ~self._is_tailored[wheel]
         pairs = np.column_stack([speed, torque])[rows].tolist()
         for place, pair in zip(wheel[rows].tolist(), pairs, strict=True):
             named = zip(("speed_rad_s", "torque_nm"), pair, strict=True)

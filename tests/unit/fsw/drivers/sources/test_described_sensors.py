@@ -1,5 +1,6 @@
 """Inertial units and star trackers of other makers on a CAN bus: cantools encodes the frames."""
 
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -197,12 +198,45 @@ def test_an_impossible_reading_and_a_short_frame_are_rejected_and_found(tmp_path
     assert [found.fault for found in source.findings()] == ["IMU_CRC", "IMU_RANGE", "IMU_LOST"]
 
 
-def test_a_silent_unit_is_found_even_if_it_was_never_heard(tmp_path):
+def test_a_silent_unit_is_found_even_if_nothing_on_its_bus_was_ever_heard(tmp_path):
     source = made(tmp_path, imu=unit())
-    source.feed(frame_array([CanFrame(T0, 0x7, b"")]))
+    source.watch(T0, up=True)
     assert source.findings() == []
-    source.feed(frame_array([CanFrame(T0 + 6000 * MS, 0x7, b"")]))
+    source.watch(T0 + 6000 * MS, up=True)
     assert [found.fault for found in source.findings()] == ["IMU_SILENT"]
+    source.watch(T0 + 7000 * MS, up=False)
+    source.watch(T0 + 8000 * MS, up=True)
+    assert source.findings() == []  # it may start again
+
+
+def test_a_value_that_the_unit_calls_invalid_is_named_so(tmp_path):
+    signals = {
+        f"q_{name}": {"message": "Attitude", "signal": f"Q{k}"} for k, name in enumerate("wxyz")
+    }
+    signals["q_z"]["invalid"] = 0
+    source = made(tmp_path, star_tracker=tracker(signals=signals))
+    assert len(source.feed(frame_array([frame(T0, "Attitude", 1, 0, 0, 0)]))) == 0
+    (found,) = source.findings()
+    assert (found.fault, found.text) == ("TRACKER_BLIND", "no usable value")
+
+
+def test_a_unit_on_a_bus_whose_sync_creeps_reports_the_bus(tmp_path):
+    signals = vector("rate", "Gyro") | vector("force", "Accel")
+    signals["counter"] = {"message": "Head", "signal": "Flags"}
+    own = unit(signals=signals, timing={"by": "echoed_counter"}, rate_hz=500.0)
+    bus = {"rate_hz": 500.0, "sync": "producer", "sync_counter_max": 240}
+    source, frames = made(tmp_path, bus, imu=own), []
+    for k in range(12_500):
+        t_ns, counter = T0 + 2 * MS * k, k % 240 + 1
+        crept_ns = round(50e3 * max(0.0, 2e-3 * k - 15.0))
+        frames += [
+            CanFrame(t_ns + crept_ns, 0x80, bytes([counter])),
+            CanFrame(t_ns + 300_000, 288, struct.pack("<IHH", 0, counter, 0)),
+            CanFrame(t_ns + 400_000, 289, bytes(6)),
+            CanFrame(t_ns + 500_000, 290, bytes(6)),
+        ]
+    source.feed(frame_array(frames))
+    assert {(one.fault, one.subject) for one in source.findings()} == {("SYNC_CREEPS", "arm")}
 
 
 def test_equal_readings_are_judged_only_where_noise_hides_the_steps(tmp_path):

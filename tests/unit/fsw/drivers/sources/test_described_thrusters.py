@@ -116,6 +116,17 @@ def test_a_pulse_between_two_reports_is_unknown(tmp_path, role):
     assert not edges(samples, 0)
 
 
+def test_a_time_open_that_is_not_told_leaves_a_gap(tmp_path):
+    """Its frame is lost: what happened since the report before, and until the next, is unknown."""
+    sent = frames([[(0.0312, 0.1173)], []], 20)
+    lost_ns = T0 + 4 * PERIOD_NS + 500_000
+    samples = made(tmp_path, "on_time").feed(frame_array([f for f in sent if f.t_ns != lost_ns]))
+    for k in range(2):
+        marked = np.isnan(samples.values[:, 0]) & (samples.device == k)
+        assert samples.t_ns[marked].tolist() == [T0 + PERIOD_NS * i for i in (4, 5)]
+    np.testing.assert_allclose(edges(samples, 0), [(0.0312, 1), (0.1173, 0)], atol=1.01 * TICK_S)
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [

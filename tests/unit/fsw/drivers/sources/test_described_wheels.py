@@ -122,8 +122,8 @@ def test_what_cannot_be_used_is_rejected(tmp_path, frames, accepted):
 
 def test_a_silent_wheel_is_found(tmp_path):
     source = made(tmp_path, [wheel(0)], sync_counter_max=0)
-    later = CanFrame(T0 + 6 * PERIOD_NS, 0x80, b"")
-    source.feed(frame_array([*synced(0, [1]), later]))
+    source.feed(frame_array(synced(0, [1])))
+    source.watch(T0 + 6 * PERIOD_NS, up=True)
     (found,) = source.findings()
     assert (found.fault, found.subject) == ("WHEEL_SILENT", "wheel1")
 
@@ -160,3 +160,22 @@ def test_a_wheel_by_an_eds_of_its_own_is_a_node_that_is_started(tmp_path):
     np.testing.assert_allclose(samples.values[:, 0], [-90 * math.tau / 60])
     config = Config.model_construct(wheels=(WheelConfig.model_validate(data),))
     assert [node.node_id for node in config.can_nodes] == [5]
+
+
+def test_the_status_of_a_wheel_by_an_eds_is_its_own(tmp_path):
+    """Its bits are not those of a tailored node, nor is its second PDO a temperature."""
+    (tmp_path / "wheel.eds").write_text(EDS)
+    torque = {"unit": "permille", "rated_torque_nm": 0.1}
+    own = {
+        "speed": {"message": "TPDO1", "signal": "0x6064", "unit": "rpm"},
+        "torque": {"message": "TPDO1", "signal": "0x6077"} | torque,
+        "status": {"message": "TPDO1", "signal": "0x6041", "mask": 0x6F, "value": 0x27},
+    }
+    more = {"torque": "measured", "torque_noise_nm": 1e-3}
+    data = wheel(0, signals=own, description="wheel.eds", node_id=5, **more)
+    source = made(tmp_path, [data], sync_counter_max=0)
+    report = struct.pack("<Hih", 0x1237, -90, 500)
+    frames = [CanFrame(T0, 0x80, b""), CanFrame(T0 + MS, 0x185, report)]
+    samples = source.feed(frame_array([*frames, CanFrame(T0 + 2 * MS, 0x285, bytes(2))]))
+    np.testing.assert_allclose(samples.values, [[-90 * math.tau / 60, 0.05]])
+    assert "temperature_degc" not in source.status()["wheel1"]

@@ -67,11 +67,15 @@ def test_no_frame_stops_a_source(by):
     tracker = star_tracker_config(**keys, port=None, rate_hz=50.0, signals=q | status("q"))
     valve = {"valve": {"message": "v", "signal": "state"}, "age": use("v", 0, "s")}
     thruster = thruster_settings(0, **keys, node_id=None, signals=valve)
+    total = {"message": "v", "signal": "state", "unit": "s", "invalid": 7}
+    second = thruster_settings(
+        1, **keys, node_id=None, signals={"valve": valve["valve"], "on_time": total}
+    )
     config = Config.model_construct(
         buses=(bus,),
         imu=imu,
         star_tracker=tracker,
-        thrusters=(ThrusterConfig.model_validate(thruster),),
+        thrusters=tuple(ThrusterConfig.model_validate(own) for own in (thruster, second)),
     )
     sources, t_ns = other_sources(config.read_from(b"", Path(), "c"), bus), T0
     counts = dict.fromkeys(range(len(sources)), 0)
@@ -81,6 +85,7 @@ def test_no_frame_stops_a_source(by):
         frames = frame_array([frame(rng, int(stamp)) for stamp in stamps])
         for k, source in enumerate(sources):
             samples = source.feed(frames)
+            source.watch(t_ns, up=True)
             source.findings()
             counts[k] += len(samples)
             if isinstance(samples, ImuSamples):

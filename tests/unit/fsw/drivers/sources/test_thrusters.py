@@ -86,6 +86,7 @@ def test_a_silent_node_is_found_and_its_frames_are_its_own() -> None:
     states(bus, sync(0), report(0, 0, 0xFFFF, 0))
     assert bus.findings() == []
     bus.feed(frame_array([sync(k) for k in range(1, 60)]))
+    bus.watch(sync(59).t_ns, up=True)
     (found,) = bus.findings()
     assert (found.fault, found.subject) == (Fault.THRUSTER_SILENT, "thruster1")
     frames = frame_array([sync(0), report(0, 0, 0, 0), CanFrame(T0, 0x191, b"\0" * 8)])

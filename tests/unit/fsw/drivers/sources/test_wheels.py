@@ -98,6 +98,7 @@ def test_a_silent_wheel_is_found_and_one_never_heard_is_not() -> None:
     bus.feed(frame_array([sync(0), report(0)]))
     assert bus.findings() == []
     bus.feed(frame_array([sync(k) for k in range(1, 60)]))
+    bus.watch(sync(59).t_ns, up=True)
     (found,) = bus.findings()
     assert (found.fault, found.subject) == (Fault.WHEEL_SILENT, "wheel1")
 
