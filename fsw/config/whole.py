@@ -1,6 +1,7 @@
 """The whole configuration of one daemon: sections, conditions between sections, reading."""
 
 import zlib
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Self
 
@@ -37,6 +38,7 @@ from fsw.config.services import (
     ServiceConfig,
     reserve_holds_chunks,
 )
+from fsw.config.signals import DESCRIBED
 from fsw.config.telemetry import TelemetryConfig
 from fsw.config.text import (
     CONFIGURATION,
@@ -271,20 +273,32 @@ class Config(Section):
 
 
 def _parts_are_unique(config: Config) -> None:
-    """Raise ValueError if parts share a name or a node, or thrusters a valve of their node."""
+    """Raise ValueError if parts share a name or a node, or thrusters a valve of their node.
+
+    Described devices may share a node, as axes of one drive do, but not a tailored one.
+    """
     for section in ("buses", "joints", *ACTUATORS, "modes"):
         require_unique([part.name for part in getattr(config, section)], f"{section}.name")
     names = [*(j.name for j in config.joints), *(own.name for own in config.wrench_sensors)]
     require_unique(names, "wrench_sensors.name")
-    nodes = list[str]()
+    nodes = list(dict.fromkeys(map(_node, _numbered(config.bus_devices.values(), DESCRIBED))))
     for section in ("joints", *ACTUATORS):
-        own = [node for node in config.can_nodes if node.driver == "canopen"]
-        own = [node for node in own if node in getattr(config, section)]
-        nodes += [f"{node.bus}:0x{node.node_id:02x}" for node in own]
+        own = [_node(part) for part in _numbered(getattr(config, section), "canopen")]
+        nodes += dict.fromkeys(own) if section == "thrusters" else own
         require_unique(nodes, f"{section}.node_id")
-    tailored = [own for own in config.thrusters if own.driver == "canopen"]
-    valves = [f"{own.bus}:0x{own.node_id:02x} valve {own.valve}" for own in tailored]
+    valves = [
+        f"{_node(own)} valve {own.valve}" for own in config.thrusters if own.driver == "canopen"
+    ]
     require_unique(valves, "thrusters.valve")
+
+
+def _numbered(devices: Iterable[BusDevice], driver: str) -> list[BusDevice]:
+    """Return the devices of a driver that have a number."""
+    return [own for own in devices if own.driver == driver and own.node_id is not None]
+
+
+def _node(own: BusDevice) -> str:
+    return f"{own.bus}:0x{own.node_id:02x}"
 
 
 def _something_turns(config: Config) -> None:

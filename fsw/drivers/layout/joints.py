@@ -306,7 +306,7 @@ def _factor(joint: Describable, name: Role, own: SignalConfig, signal: Signal) -
             raise ConfigError(f"{SCALED[unit]}: missing; the description says {signal.unit!r}")
         return own.figure
     if unit not in table:
-        known = ", ".join([*table, *scaled])
+        known = ", ".join(filter(None, [*table, *scaled]))
         raise ConfigError(f"unit: {own.unit or signal.unit!r} is not known; must be one of {known}")
     return table[unit]
 

@@ -9,6 +9,7 @@ from fsw.config.reference import json_schema
 from fsw.errors import ConfigError
 from offline.describe import describe
 from tests.support.check_cases import assert_named
+from tests.support.driver_configs import unit_on_bus
 
 
 def wheel(k=0, **changes):
@@ -168,6 +169,15 @@ def test_a_node_or_valve_of_two_devices_is_named_by_its_own_key(arm, wheels, thr
     with pytest.raises(ConfigError) as caught:
         load(arm.write())
     assert_named(str(caught.value), words)
+
+
+def test_a_described_node_is_no_tailored_one(arm):
+    arm.data["wheels"] = [wheel()]
+    unit_on_bus(arm.data)
+    load(arm.write())
+    arm.data["imu"] |= {"description": "unit.eds", "node_id": 0x21}
+    with pytest.raises(ConfigError, match=r"wheels\.node_id: 'arm:0x21' is used 2 times"):
+        load(arm.write())
 
 
 def test_liquid_as_heavy_as_its_body_is_one_line(arm):
