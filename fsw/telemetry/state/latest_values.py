@@ -92,7 +92,8 @@ class LatestValues:
         """Return the values of housekeeping set 4, the devices."""
         buses = [bus.name for bus in self.config.buses]
         joints = [joint.name for joint in self.config.joints]
-        return fields.device_values(self.status, buses, joints)
+        links = {own.name: own.bus for own in self.config.sensors if own.bus is not None}
+        return fields.device_values(self.status, buses, joints, links)
 
     def job(self) -> dict[str, Any]:
         """Return the values of housekeeping set 5, the batch job."""

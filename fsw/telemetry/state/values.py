@@ -57,14 +57,22 @@ def _times(prefix: str, times: Mapping[str, float]) -> Values:
     return {f"{prefix}_{kind}_us": times.get(kind, 0.0) for kind in ("last", "mean", "max")}
 
 
-def device_values(status: Mapping[str, Any], buses: Sequence[str], joints: Sequence[str]) -> Values:
-    """Return link state and counters of every device, and the motor values of every joint."""
+def device_values(
+    status: Mapping[str, Any],
+    buses: Sequence[str],
+    joints: Sequence[str],
+    links: Mapping[str, str],
+) -> Values:
+    """Return link state and counters of every device, and the motor values of every joint.
+
+    `links`: the bus or feed of a sensor that has no line of its own, by name of the sensor.
+    """
     names = {f"bus{k}": "" for k in range(1, BUS_SLOTS + 1)}
     names |= {f"bus{k}": name for k, name in enumerate(buses[:BUS_SLOTS], start=1)}
     names |= {"imu": "imu", "star_tracker": "star_tracker"}
     values: Values = {}
     for slot, name in names.items():
-        link = status.get("links", {}).get(name, {})
+        link = status.get("links", {}).get(links.get(name, name), {})
         samples = status.get("samples", {}).get(name, {})
         values[f"{slot}_up"] = bool(link.get("up", False))
         values[f"{slot}_losses"] = link.get("losses", 0)

@@ -7,7 +7,7 @@ MOTOR = {"velocity_rad_s": 0.5, "motor_torque_ratio": -0.25, "temperature_degc":
 
 
 def test_the_motor_side_of_a_joint_has_the_slot_of_its_place_in_the_configuration():
-    values = device_values({"joints": {"elbow": MOTOR}}, ["arm"], ["shoulder", "elbow"])
+    values = device_values({"joints": {"elbow": MOTOR}}, ["arm"], ["shoulder", "elbow"], {})
     assert values["joint_1_motor_present"] is False
     assert values["joint_2_motor_present"] is True
     assert values["joint_2_velocity"] == MOTOR["velocity_rad_s"]
@@ -17,5 +17,12 @@ def test_the_motor_side_of_a_joint_has_the_slot_of_its_place_in_the_configuratio
 
 
 def test_before_the_first_summary_nothing_is_present():
-    values = device_values({}, ["arm"], ["shoulder"])
+    values = device_values({}, ["arm"], ["shoulder"], {})
     assert (values["bus1_up"], values["joint_1_motor_present"]) == (False, False)
+
+
+def test_a_sensor_without_a_line_is_up_if_its_bus_is():
+    status = {"links": {"arm": {"up": True, "losses": 2}, "star_tracker": {"up": True}}}
+    values = device_values(status, ["arm"], [], {"imu": "arm"})
+    assert (values["imu_up"], values["imu_losses"]) == (True, 2)
+    assert (values["star_tracker_up"], values["star_tracker_losses"]) == (True, 0)
