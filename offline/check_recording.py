@@ -1,10 +1,12 @@
 """`fsw check CONFIG RECORDING`: compare a configuration with the data of a recording."""
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+import re
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from fsw.config import Config
+from fsw.config.signals import DESCRIBED
 from fsw.estimators.model.building import joint_order
 from fsw.estimators.model.problem import Problem
 from fsw.estimators.pipeline import Pipeline
@@ -61,9 +63,8 @@ def check_recording(
     if result.truncated:
         lines.append(result.cut_off())
     unused = unused_sensors(result.status)
-    feeds = [bus.name for bus in config.buses if bus.feed is not None]
     lines += [
-        f"{WRONG}{source}: {words}{_advice(source, result.status, feeds)}"
+        f"{WRONG}{source}: {words}{_advice(source, result.status, config)}"
         for source, words in unused.items()
     ]
     wrong |= bool(unused)
@@ -163,13 +164,19 @@ def _read(
     return result, watching
 
 
-def _advice(source: str, status: Mapping[str, Any], feeds: Collection[str]) -> str:
+def _advice(source: str, status: Mapping[str, Any], config: Config) -> str:
     """Return what the user should look at, unless it is known what the device does not send."""
     counts = status["samples"][source]
     if source in status["lacks"] or counts["accepted"]:
         return ""
-    if source in feeds:
+    if any(bus.name == source and bus.feed is not None for bus in config.buses):
         return "; compare buses[].feed and the number of joints with the sender's datagrams"
+    devices = {at: own for at, own in config.bus_devices.items() if source in (at, own.bus)}
+    joints = {at: own for at, own in devices.items() if at.startswith("joints.")}
+    for at, own in (joints or devices).items():
+        if own.driver == DESCRIBED:
+            key = re.sub(r"\.\d+", "[]", at)
+            return f"; compare {key}.signals and {key}.timing with the frames on its bus"
     if source not in (IMU, STAR_TRACKER):
         return "; compare node numbers and format of joints[] with the nodes"
     if not counts["received_bytes"]:
@@ -180,7 +187,7 @@ def _advice(source: str, status: Mapping[str, Any], feeds: Collection[str]) -> s
 def _residual_words(verdict: Verdict, config: Config) -> str:
     level = f"residuals {verdict.before**0.5:.3g} times the declared noise"
     after = f"{verdict.after**0.5:.3g} times"
-    if verdict.before <= LARGE and any(".sign" in own or "way" in own for own in verdict.found):
+    if verdict.is_sign:
         return level
     if verdict.before <= LARGE:
         fits = "signs, order of joints" if verdict.mounting else ALL_FITS

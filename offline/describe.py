@@ -112,9 +112,9 @@ def _buses(config: Config) -> list[str]:
             lines.append(f"{bus.name}: samples of a recording, {bus.rate_hz:g} Hz; joints {names}")
             continue
         nodes = [
-            k.name if k.node_id is None else f"0x{k.node_id:02x} {k.name}"
-            for k in (*(j for j in config.joints if j.node_id is None), *config.can_nodes)
-            if k.bus == bus.name
+            f"0x{own.node_id:02x} {own.name}"
+            for own in config.can_nodes
+            if own.bus == bus.name and own.driver == "canopen"
         ]
         load = budget.bus_load(config, bus)
         assumed = "" if bus.bitrate else f" at an assumed {budget.ASSUMED_BITRATE} bit/s"
@@ -127,7 +127,9 @@ def _buses(config: Config) -> list[str]:
             f"/can/{bus.name}"
         )
         described = [f"  {in_words(config.bus_devices[at], own)}" for at, own in layouts.items()]
-        lines += described or [f"  nodes {', '.join(nodes) or 'none'}"]
+        lines += described
+        if nodes or not described:
+            lines.append(f"  nodes {', '.join(nodes) or 'none'}")
     return lines
 
 

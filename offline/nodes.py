@@ -3,6 +3,8 @@
 import numpy as np
 
 from fsw.config import Config
+from fsw.config.signals import DESCRIBED
+from fsw.drivers.layout.joints import all_layouts
 from fsw.exchange.sinks import CanTraffic, Message, NullSink
 
 TPDO1, HEARTBEAT = 0x180, 0x700
@@ -13,10 +15,15 @@ class Nodes(NullSink):
 
     def __init__(self, config: Config) -> None:
         self._joints = [joint for joint in config.joints if joint.driver == "canopen"]
-        self._tailored = {bus.name for bus in config.buses} - {
-            joint.bus for joint in config.joints if joint.driver == "described"
+        self._tailored = {own.bus for own in config.can_nodes if own.driver == "canopen"} - {
+            joint.bus for joint in config.joints if joint.driver == DESCRIBED
         }
-        self._known = {(node.bus, node.node_id) for node in config.can_nodes}
+        self._known = {(node.bus, node.node_id) for node in config.can_nodes} | {
+            (bus.name, own.word - TPDO1)
+            for bus in config.buses
+            for layout in all_layouts(config, bus).values()
+            for own in layout.messages
+        }
         self._seen: set[tuple[str, int]] = set()
 
     def put(self, message: Message) -> None:

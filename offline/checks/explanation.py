@@ -60,6 +60,7 @@ class Verdict:
     tried: int
     mounting: str  # fault of the inertial unit's place or attitude; empty: both fit
     doubtful: str  # another value of arm or calibration far from its prior; empty: none
+    is_sign: bool = False  # whether `found` is a sign at which small residuals are still smaller
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -87,10 +88,10 @@ def explain_residuals(
     fit = trial.fit(FREED_ITERATIONS, plain=True)  # if not settled, it would look wrong
     before, config = fit.level, trial.config
     found, nearest, level, count = _searched(trial, before, progress)
-    likelier = ""
-    if before <= LARGE:
-        found = _small_offset(trial, fit)
-        found, likelier = (found, "") if found else _likelier_sign(trial, fit)
+    likelier, is_sign = "", False
+    if before <= LARGE and not (found := _small_offset(trial, fit)):
+        found, likelier = _likelier_sign(trial, fit)
+        is_sign = bool(found)
     mounting = doubtful = ""
     if not found:
         left, mounting, doubtful = _doubted(config, trial.problem, blocks, before)
@@ -109,6 +110,7 @@ def explain_residuals(
         tried=count,
         mounting=mounting,
         doubtful=doubtful or likelier,
+        is_sign=is_sign,
     )
 
 

@@ -155,7 +155,7 @@ def motion_noise(windows: Sequence[Piece], degree: int, least: float) -> Noise:
     moves = bool(is_shown and count >= SHARE * len(pieces))
     sigma = difference_sigma(*judged)
     whole, middle = _residual(judged, degree), _residual(judged, degree, 0.5)
-    if abs(middle / sigma - 1.0) < _chance(judged):  # it is noise, measured better
+    if abs(middle - sigma) < sigma * _chance(judged):  # it is noise, measured better
         sigma = middle
     if whole <= COLOURED * sigma:
         return Noise(sigma=sigma, moves=moves, pieces=judged)

@@ -81,7 +81,7 @@ def _captures(arguments: Namespace, config: Config) -> Iterator[Channel]:
         path, channel = _path_and_channel(file)
         yield can_capture(config, name, path, channel, shifts.pop(name, 0))
     for name, file in _pairs("--serial", arguments):
-        _refuse_unknown("--serial", name, [own.name for own in config.sensors])
+        _refuse_unknown("--serial", name, [own.name for own in config.sensors if own.bus is None])
         yield serial_capture(config, name, Path(file), shifts.pop(name, 0))
     if shifts:
         raise ConfigError(f"--shift: {', '.join(shifts)}: nothing of this name is imported")
@@ -135,9 +135,11 @@ def _refuse_gaps(config: Config, channels: Sequence[Channel]) -> None:
         raise ConfigError(f"{', '.join(sorted(twice))}: given twice")
     buses = [] if JOINTS in sampled else [bus.name for bus in config.buses]
     needed = {f"/can/{bus}": f"--can {bus}=FILE" for bus in buses}
-    lines = [own.name for own in config.sensors if own.bus is None and own.name not in sampled]
+    sensors = [own for own in config.sensors if own.name not in sampled and own.bus not in buses]
+    lines = [own.name for own in sensors if own.bus is None]
     needed |= {f"/serial/{line}": f"--serial {line}=FILE" for line in lines}
     missing = [key for topic, key in needed.items() if topic not in topics]
+    missing += [own.name for own in sensors if own.name not in lines]
     on_bus = config.actuators if buses else ()
     missing += [name for name in devices if name not in sampled and name not in on_bus]
     if missing:

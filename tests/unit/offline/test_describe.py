@@ -8,6 +8,7 @@ from fsw.checks.configuration import validate
 from fsw.config import load
 from offline.describe import describe
 from tests.support.check_cases import assert_named
+from tests.support.driver_configs import unit_on_bus
 
 
 def test_the_description_says_what_the_daemon_would_do(arm):
@@ -106,3 +107,9 @@ def test_a_bus_of_samples_sends_no_sync(arm):
     assert line.split(maxsplit=1)[1] == (
         "arm: samples of a recording, 250 Hz; joints axis1, axis2, axis3"
     )
+
+
+def test_tailored_nodes_are_listed_beside_a_described_unit(arm):
+    unit_on_bus(arm.data)
+    config = load(arm.write())
+    assert_named(describe(config, validate(config)[0]), "rate_x unit.rate_x (0x300)", "nodes 0x")

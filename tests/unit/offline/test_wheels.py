@@ -2,6 +2,7 @@
 
 import struct
 
+from fsw.config import Config
 from fsw.drivers.wire import CanFrame, frame_array
 from fsw.exchange.sinks import CanTraffic
 from offline.excite import what_stands_still
@@ -17,6 +18,21 @@ def test_wheel_nodes_are_no_strangers_in_a_recording() -> None:
     assert not any("are not nodes" in line for line in nodes.findings())
     nodes.put(CanTraffic("arm", frame_array([CanFrame(1, 0x1A5, data)])))
     assert "0x25" in nodes.findings()[0]
+
+
+def test_a_described_device_is_no_stranger_beside_tailored_nodes() -> None:
+    data = config_with_wheels().model_dump(mode="json")
+    signals = [{"name": "speed", "start": 0, "bits": 16, "number": "signed", "unit": "rpm"}]
+    data["buses"][0]["messages"] = [{"name": "w", "id": 0x1A5, "length": 2, "signals": signals}]
+    use = {"speed": {"message": "w", "signal": "speed"}}
+    timing = {"by": "arrival", "sigma_s": 1e-4}
+    own = {"driver": "described", "node_id": None, "signals": use, "timing": timing}
+    data["wheels"][3] |= own
+    nodes = Nodes(Config.model_validate(data))
+    nodes.put(CanTraffic("arm", frame_array([CanFrame(1, k, bytes(2)) for k in (0x1A5, 0x725)])))
+    assert not any("are no nodes" in line for line in nodes.findings())
+    nodes.put(CanTraffic("arm", frame_array([CanFrame(1, 0x1A6, bytes(2))])))
+    assert "0x26" in nodes.findings()[0]
 
 
 def test_a_plan_says_that_wheels_stand_still() -> None:

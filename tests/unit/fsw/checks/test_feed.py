@@ -9,6 +9,7 @@ from offline.check_recording import _advice
 from offline.describe import describe
 from offline.replay import topics_of
 from tests.support.check_cases import assert_named, fault
+from tests.support.driver_configs import unit_on_bus
 from tests.support.feed_cases import KEY, on_feed
 from tests.support.keys import write_key
 
@@ -112,7 +113,18 @@ def test_a_held_arm_on_a_feed_needs_as_many_windows_as_any_other_that_flies(arm)
     assert load(arm.write()).estimator.settle_blocks == 25
 
 
-def test_a_feed_that_gives_nothing_is_compared_with_its_sender():
+def test_what_gives_nothing_is_compared_with_what_sends(arm):
+    counts = {"accepted": 0, "received_bytes": 9}
+    status = {"samples": {"arm": counts, "imu": counts}, "lacks": {}}
+    config = load(arm.write())
+    assert "node numbers" in _advice("arm", status, config)
+    assert "imu.baud_rate" in _advice("imu", status, config)
+    unit_on_bus(arm.data)
+    config = load(arm.write())
+    assert "node numbers" in _advice("arm", status, config)
+    assert "compare imu.signals and imu.timing" in _advice("imu", status, config)
+
+
+def test_a_feed_that_gives_nothing_is_compared_with_its_sender(arm):
     status = {"samples": {"arm": {"accepted": 0, "received_bytes": 9}}, "lacks": {}}
-    assert "buses[].feed" in _advice("arm", status, ["arm"])
-    assert "node numbers" in _advice("arm", status, [])
+    assert "buses[].feed" in _advice("arm", status, load(on_feed(arm).write()))

@@ -5,9 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fsw.config import load
 from fsw.errors import ConfigError
-from offline.importing.captures import serial_capture
+from offline.importing import _refuse_gaps
+from offline.importing.captures import Channel, serial_capture
 from offline.importing.clock import refuse_disorder
+from tests.support.driver_configs import unit_on_bus
 from tests.support.estimator_cases import make_config
 
 
@@ -72,3 +75,11 @@ def test_a_damaged_row_is_named(tmp_path, name, text, words):
     (tmp_path / name).write_text(text)
     with pytest.raises(ConfigError, match=words):
         serial_capture(make_config(), "imu", tmp_path / name, 0)
+
+
+def test_a_unit_on_a_bus_of_which_no_log_is_given_is_named(arm):
+    unit_on_bus(arm.data)
+    source, t_ns = Path("joints.csv"), np.zeros(1, np.int64)
+    joints = Channel(topic="/samples/joints", source=source, t_ns=t_ns, text="", write=str)
+    with pytest.raises(ConfigError, match="imu, or map them"):
+        _refuse_gaps(load(arm.write()), [joints])
