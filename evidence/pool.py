@@ -48,7 +48,7 @@ def forked(name: str, work: Callable[[], R]) -> R:
     os.close(write_fd)
     with os.fdopen(read_fd, "rb") as pipe:
         data = pipe.read()
-    _, code = os.waitpid(child, 0)
+    code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
     if code:
         raise RuntimeError(f"{name} ended with {code}")
     result: R = pickle.loads(data)

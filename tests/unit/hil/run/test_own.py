@@ -140,6 +140,7 @@ def test_every_scenario_flies_with_the_doubts_that_a_user_has_by_default(name, t
         (lambda d: d["robot"].update(urdf=str(load("bench_target").urdf)), "'joint2' otherwise"),
         (lambda d: d["robot"].update(tool_frame="link7"), "robot.tool_frame: 'link7'; must be"),
         (lambda d: d["imu"].update(driver="mip"), "imu.driver: mip; must be stim300"),
+        (lambda d: d["star_tracker"].update(driver="samples"), "samples; must be sagitta"),
         (lambda d: d["joints"][3].update(name="j"), "must be the world's 7 (joint1, joint2"),
         (held, "unknown: 'panel'; must be one of the world's base, target"),
         (lambda d: d.update(base={"motion": "planar"}), "base.motion: planar; must be free"),
