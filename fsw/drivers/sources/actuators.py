@@ -74,7 +74,8 @@ class Reports:
     def counters(self) -> dict[str, int]:
         """Counters of all devices together."""
         each = [own.as_dict() for own in self.counts]
-        return {key: sum(own[key] for own in each) for key in each[0]}
+        sums = {key: sum(own[key] for own in each) for key in each[0]}
+        return sums | {"incomplete": self._samples.headless}
 
     def owns(self, frames: FrameArray) -> NDArray[np.bool_]:
         """Return (k,) which frames belong to the devices only; a SYNC does not."""

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw.config import BusConfig, HealthConfig, ImuConfig, StarTrackerConfig
-from fsw.drivers.layout.joints import FIRST, Layout
+from fsw.config.constants import STANDARD_GRAVITY_M_S2
+from fsw.drivers.layout.joints import FIRST, Layout, Use
 from fsw.drivers.sources.actuators import Reporter, Reports
 from fsw.drivers.sources.line_watch import IMU_LINE, TRACKER_LINE, LineFaults
 from fsw.drivers.sources.samples import SampleSource, attitude_samples, imu_samples
@@ -17,6 +18,7 @@ from fsw.messages import Samples
 from fsw.messages.findings import Fault
 
 FINE_RATIO = 0.01  # of the noise: three equal vectors of larger steps may be chance
+FLOAT_STEPS = 2**15  # least steps of a converter behind a float, from zero to the unit's range
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,15 +59,22 @@ _KINDS = {
 
 def _is_fine(config: ImuConfig, layout: Layout) -> bool:
     """Return whether noise hides the steps of the wire, so that equal readings are a fault."""
-    root = config.rate_hz**0.5
-    sigmas = [config.angle_random_walk_rad_sqrt_s * root] * 3
-    sigmas += [config.velocity_random_walk_m_s_sqrt_s * root] * 3
+    root, most_m_s2 = config.rate_hz**0.5, config.acc_range_g * STANDARD_GRAVITY_M_S2
+    gyro = config.angle_random_walk_rad_sqrt_s * root, config.max_rate_rad_s
+    accelerometer = config.velocity_random_walk_m_s_sqrt_s * root, most_m_s2
+    values = sorted((use for use in layout.uses if use.role >= FIRST), key=lambda use: use.role)
+    limits = [*[gyro] * 3, *[accelerometer] * 3]
     return all(
-        use.signal.number == "float"
-        or abs(use.signal.scale * use.factor) <= FINE_RATIO * sigmas[use.role - FIRST]
-        for use in layout.uses
-        if use.role >= FIRST
+        _step(use, most) <= FINE_RATIO * sigma
+        for use, (sigma, most) in zip(values, limits, strict=True)
     )
+
+
+def _step(use: Use, most: float) -> float:
+    """Return the step of a value whose largest one is `most`."""
+    if use.signal.number == "float":
+        return most / FLOAT_STEPS
+    return abs(use.signal.scale * use.factor)
 
 
 class SensorBusSource:

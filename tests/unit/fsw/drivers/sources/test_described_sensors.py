@@ -180,6 +180,7 @@ def test_batches_do_not_matter_and_losses_are_counted(tmp_path):
     assert whole.counters == parts.counters
     rates = 300 - sum(own.can_id == 290 for own in frames)
     assert whole.counters["lost"] == rates > 3
+    assert 3 < whole.counters["incomplete"] <= rates
     forces = np.isnan(once.f_NS_S_m_s2).all(axis=1)
     assert forces.sum() > 3
     faults = [found.fault for found in whole.findings()]
@@ -244,6 +245,23 @@ def test_equal_readings_are_judged_only_where_noise_hides_the_steps(tmp_path):
     assert made(tmp_path, imu=unit(**fine)).is_screened
     for coarse in fine:
         assert not made(tmp_path, imu=unit(**(fine | {coarse: 1e-4}))).is_screened
+
+
+def test_the_steps_behind_a_float_are_not_taken_as_fine(tmp_path):
+    messages = [
+        {"name": name, "id": 0x300 + i, "length": 6}
+        | {
+            "signals": [
+                {"name": axis, "start": 16 * k, "bits": 16, "number": "float", "unit": one}
+                for k, axis in enumerate("XYZ")
+            ]
+        }
+        for i, (name, one) in enumerate((("Gyro", "rad/s"), ("Accel", "m/s^2")))
+    ]
+    bus = {"description": None, "messages": messages}
+    fine = {"angle_random_walk_rad_sqrt_s": 1.0, "velocity_random_walk_m_s_sqrt_s": 1.0}
+    assert not made(tmp_path, bus, imu=unit()).is_screened
+    assert made(tmp_path, bus, imu=unit(**fine)).is_screened
 
 
 @pytest.mark.parametrize("rotation", ["inertial_to_tracker", "tracker_to_inertial"])
