@@ -56,7 +56,7 @@ def sizes_of(
 
 
 def _encoder_noises(t_s: FloatArray, q: FloatArray, kinds: Sequence[str]) -> list[float]:
-    """Return the noise of every joint's angles; one at rest gets the largest of those that move.
+    """Return the noise of every joint's angles, of one at rest at least that of those that move.
 
     Rows that repeat count: they are samples too, of a sensor that is slower than its log.
     """
@@ -77,7 +77,7 @@ def _encoder_noises(t_s: FloatArray, q: FloatArray, kinds: Sequence[str]) -> lis
         own = [k for k, other in enumerate(kinds) if other == kind]
         moving = [noises[k] for k in own if found[k].moves] or [noises[k] for k in own]
         for k in own:
-            noises[k] = noises[k] if found[k].moves else max(moving)
+            noises[k] = noises[k] if found[k].moves else max(noises[k], *moving)
     return noises
 
 

@@ -75,6 +75,16 @@ def test_a_joint_at_rest_has_the_noise_of_the_others(tmp_path):
     assert config.joints[1].position_noise_rad == pytest.approx(3e-5, rel=0.3)
 
 
+def test_a_joint_at_rest_whose_encoder_is_noisier_keeps_its_noise():
+    rng = np.random.default_rng(8)
+    t, q, tau = motion(rng)
+    q += 1e-6 * rng.normal(size=q.shape)
+    q[:, 2] = 0.25 + 1e-4 * rng.normal(size=ROWS)
+    limits = sizes_of(t, q, tau, ["revolute"] * 3)
+    assert limits[0].position_noise_rad == pytest.approx(1e-6, rel=0.2)
+    assert limits[2].position_noise_rad == pytest.approx(1e-4, rel=0.2)
+
+
 def test_check_finds_the_noise_that_init_wrote_in_the_same_recording(tmp_path, capsys):
     """Rows repeat, as of a joint state that is logged twice; one joint is held and quieter."""
     rng = np.random.default_rng(7)
