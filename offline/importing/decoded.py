@@ -5,6 +5,7 @@ import numpy as np
 from fsw.config import BusConfig, Config
 from fsw.drivers.codecs.canopen import COB_SYNC
 from fsw.drivers.layout.joints import all_layouts, in_words, layouts_of
+from fsw.drivers.sources.actuators import SERVICES
 from fsw.drivers.sources.described import DescribedBusSource
 from fsw.drivers.wire import EFF_MASK, FrameArray
 
@@ -17,6 +18,8 @@ def decoded_lines(config: Config, bus: BusConfig, frames: FrameArray) -> list[st
     others = [(at, own) for at, own in every.items() if not at.startswith("joints.")]
     read = [f"  {in_words(config.bus_devices[at], own)}" for at, own in others]
     words = [own.word for layout in every.values() for own in layout.messages]
+    tailored = [own for own in config.can_nodes if own.bus == bus.name and own.driver == "canopen"]
+    words += [service | (own.node_id or 0) for own in tailored for service in SERVICES]
     if not layouts:
         return [*read, *_others(words, frames)] if read else []
     source = DescribedBusSource(bus, [(i, config.joints[i]) for i in layouts], layouts)

@@ -2,10 +2,10 @@
 
 import struct
 
-from fsw.config import Config, JointConfig
+from fsw.config import Config, JointConfig, load
 from fsw.drivers.wire import CanFrame, frame_array
 from offline.importing.decoded import decoded_lines
-from tests.support.driver_configs import bus_config, joint_config
+from tests.support.driver_configs import bus_config, joint_config, unit_on_bus
 
 MS = 1_000_000
 MESSAGES = [
@@ -45,3 +45,12 @@ def test_an_import_says_what_was_decoded_and_what_is_left_out():
     assert "position drive.angle (0x201) 32 bits signed, step 1e-06" in lines[0]
     assert lines[0].endswith(": 198 samples; left out: 2 lost, 1 length"), lines[0]
     assert lines[1] == "  not described: 3 frames of 0x701 (3)"
+
+
+def test_frames_of_tailored_nodes_beside_a_described_unit_are_known(arm):
+    unit_on_bus(arm.data)
+    config = load(arm.write())
+    frames = [CanFrame(10**12 + MS, word, bytes(8)) for word in (0x80, 0x191, 0x711, 0x300, 0x345)]
+    lines = decoded_lines(config, config.buses[0], frame_array(frames))
+    assert len(lines) == 2
+    assert lines[1] == "  not described: 1 frames of 0x345 (1)"
