@@ -298,22 +298,23 @@ def doubts_of(recording: Path, config: Config) -> list[str]:
 
 def topics_of(config: Config, held: Sequence[str]) -> list[str]:
     """Return the channels to replay: decoded samples of a source if recorded, else raw traffic."""
-    on_feed = {bus.name for bus in config.buses if bus.feed is not None}
+    topics = [
+        f"/can/{bus.name}" if bus.feed is None else f"/serial/{bus.name}" for bus in config.buses
+    ]
     sampled = [name for name in DEVICE_SAMPLES if getattr(config, name)]
-    joints = f"{SAMPLES}{JOINTS}"
-    if joints in held or not config.joints:
-        topics = [joints] * bool(config.joints)
-    else:
-        topics = [
-            f"/serial/{bus.name}" if bus.name in on_feed else f"/can/{bus.name}"
-            for bus in config.buses
-        ]
+    joints, own_joints = f"{SAMPLES}{JOINTS}", bool(config.joints)
+    has_buses = joints not in held and (own_joints or not set(topics).isdisjoint(held))
+    if has_buses:
         sampled = [name for name in sampled if name not in config.actuators]
+    else:
+        topics = [joints] * own_joints
     topics += [f"{SAMPLES}{name}" for name in sampled]
     for own in config.sensors:
         topic = f"{SAMPLES}{own.name}"
-        if topic in held or own.bus is None:
-            topics.append(topic if topic in held else f"/serial/{own.name}")
+        if topic in held or (own.bus is not None and not has_buses):
+            topics.append(topic)
+        elif own.bus is None:
+            topics.append(f"/serial/{own.name}")
     return topics
 
 

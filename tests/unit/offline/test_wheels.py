@@ -7,6 +7,8 @@ from fsw.drivers.wire import CanFrame, frame_array
 from fsw.exchange.sinks import CanTraffic
 from offline.excite import what_stands_still
 from offline.nodes import Nodes
+from offline.replay import topics_of
+from tests.support.driver_configs import unit_on_bus
 from tests.support.wheel_cases import config_with_wheels
 
 
@@ -33,6 +35,18 @@ def test_a_described_device_is_no_stranger_beside_tailored_nodes() -> None:
     assert not any("are no nodes" in line for line in nodes.findings())
     nodes.put(CanTraffic("arm", frame_array([CanFrame(1, 0x1A6, bytes(2))])))
     assert "0x26" in nodes.findings()[0]
+
+
+def test_what_is_on_a_bus_is_replayed_from_it_or_from_samples() -> None:
+    bare = config_with_wheels().model_copy(update={"joints": ()})
+    for held in (["/can/arm", "/serial/imu"], ["/samples/wheels", "/samples/imu"]):
+        assert topics_of(bare, held) == held
+    data = config_with_wheels().model_dump(mode="json")
+    unit_on_bus(data)
+    config = Config.model_validate(data)
+    assert topics_of(config, ["/can/arm"]) == ["/can/arm"]
+    needed = [f"/samples/{name}" for name in ("joints", "wheels", "imu")]
+    assert topics_of(config, ["/samples/joints"]) == needed
 
 
 def test_a_plan_says_that_wheels_stand_still() -> None:
