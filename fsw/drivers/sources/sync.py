@@ -110,9 +110,8 @@ class SyncHistory:
             none = np.full(len(counters), UNKNOWN)
             return Matched(none, np.zeros(len(counters), np.int64), none, none >= 0)
         last = np.searchsorted(self._rows, rows) - 1
-        at = last - (
-            held[last] != counters
-        )  # an answer is to its newest SYNC, or to the one before
+        # an answer is to its newest SYNC, or to the one before
+        at = last - (held[last] != counters)
         if at.min(initial=0) >= 0 and not np.count_nonzero(held[at] != counters):
             found = np.ones(len(at), np.bool_)
         else:
