@@ -5,8 +5,8 @@ import numpy as np
 from fsw.config import BusConfig, Config
 from fsw.drivers.codecs.canopen import COB_SYNC
 from fsw.drivers.layout.joints import all_layouts, in_words, layouts_of
-from fsw.drivers.sources.actuators import SERVICES
 from fsw.drivers.sources.described import DescribedBusSource
+from fsw.drivers.sources.device_reports import SERVICES
 from fsw.drivers.wire import EFF_MASK, FrameArray
 
 LISTED = 8  # identifiers in one line

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from fsw.config import BusConfig, HealthConfig, ImuConfig, StarTrackerConfig
 from fsw.config.constants import STANDARD_GRAVITY_M_S2
 from fsw.drivers.layout.joints import FIRST, Layout, Use
-from fsw.drivers.sources.actuators import Reporter, Reports
+from fsw.drivers.sources.device_reports import Reporter, Reports
 from fsw.drivers.sources.line_watch import IMU_LINE, TRACKER_LINE, LineFaults
 from fsw.drivers.sources.samples import SampleSource, attitude_samples, imu_samples
 from fsw.drivers.wire import FrameArray, Reject

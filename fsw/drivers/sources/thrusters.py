@@ -10,7 +10,7 @@ from fsw.config.thrusters import ThrusterConfig
 from fsw.drivers.codecs.canopen import COB_TPDO1
 from fsw.drivers.layout.joints import CHANGE, TIME, VALVE, Layout
 from fsw.drivers.layout.shipped import NODE_ROLES, message_of, shipped
-from fsw.drivers.sources.actuators import Reporter, Reports
+from fsw.drivers.sources.device_reports import Reporter, Reports
 from fsw.drivers.sources.line_watch import silent_only
 from fsw.drivers.wire import FrameArray
 from fsw.messages import DeviceSamples

@@ -17,7 +17,7 @@ from fsw.drivers.layout.shipped import (
     message_of,
     shipped,
 )
-from fsw.drivers.sources.actuators import Reporter, Reports
+from fsw.drivers.sources.device_reports import Reporter, Reports
 from fsw.drivers.sources.line_watch import silent_only
 from fsw.drivers.sources.samples import SPEED, SampleSource
 from fsw.drivers.wire import FrameArray
