@@ -159,16 +159,16 @@ def all_layouts(
     return found
 
 
-def in_words(joint: BusDevice, layout: Layout) -> str:
+def in_words(device: BusDevice, layout: Layout) -> str:
     """Return what a device reads, with the SI value of a step of each number, and its timing."""
     read = "; ".join(
         f"{name} {use.message.name}.{use.signal.name} (0x{use.message.identifier:x}) "
         f"{use.signal.bits} bits {use.signal.number}, step {abs(use.signal.scale * use.factor):.4g}"
-        for name in joint.signals or {}
+        for name in device.signals or {}
         if (use := layout.use(ROLES_BY_NAME[name])) is not None
     )
     timing = layout.timing
-    return f"{joint.name}: {read}; time by {timing.by}, sigma {timing.sigma_s or 0.0:g} s"
+    return f"{device.name}: {read}; time by {timing.by}, sigma {timing.sigma_s or 0.0:g} s"
 
 
 def torque_steps_nm(config: Config) -> list[float]:
@@ -234,18 +234,18 @@ def _signal_of(own: LayoutSignalConfig) -> Signal:
     )
 
 
-def _layout_of(joint: Describable, messages: Mapping[str, Message]) -> Layout:
+def _layout_of(device: Describable, messages: Mapping[str, Message]) -> Layout:
     uses, lines = [], []
     for name, role in ROLES_BY_NAME.items():
-        own = (joint.signals or {}).get(name)
+        own = (device.signals or {}).get(name)
         if own is None:
             continue
         try:
-            uses.append(_use(joint, name, role, own, messages))
+            uses.append(_use(device, name, role, own, messages))
         except ConfigError as error:
             lines.append(f"{name}.{error}")
     lines = [f"signals.{line}" for line in lines or _status_faults(uses)]
-    timing, status = joint.timing, (joint.signals or {}).get("status")
+    timing, status = device.timing, (device.signals or {}).get("status")
     lines += ["timing: missing"] if timing is None else _time_faults(timing, uses)
     if lines or timing is None:
         raise ConfigError("\n".join(lines))
@@ -254,7 +254,7 @@ def _layout_of(joint: Describable, messages: Mapping[str, Message]) -> Layout:
 
 
 def _use(
-    joint: Describable, name: Role, role: int, own: SignalConfig, messages: Mapping[str, Message]
+    device: Describable, name: Role, role: int, own: SignalConfig, messages: Mapping[str, Message]
 ) -> Use:
     message = messages.get(own.message)
     if message is None:
@@ -271,7 +271,7 @@ def _use(
         raise ConfigError(f"signal: {own.signal!r} is a float; must be an integer")
     if name in RAW:
         return Use(role=role, message=message, signal=_raw(signal), factor=1.0)
-    factor = _factor(joint, name, own, signal)
+    factor = _factor(device, name, own, signal)
     if name in CLOCKS:
         step_s = abs(signal.scale) * factor
         return Use(role=role, message=message, signal=_clock(_raw(signal)), factor=step_s)
@@ -291,10 +291,10 @@ def _clock(signal: Signal) -> Signal:
     return replace(signal, bits=signal.bits - spare)
 
 
-def _factor(joint: Describable, name: Role, own: SignalConfig, signal: Signal) -> float:
+def _factor(device: Describable, name: Role, own: SignalConfig, signal: Signal) -> float:
     """Return the SI value of a signal's unit, which must not contradict the description."""
     unit, described = plain_unit(own.unit or signal.unit), plain_unit(signal.unit)
-    table = (UNITS if joint.kind == "revolute" else LINEAR)[MEASURES.get(name, name)]
+    table = (UNITS if device.kind == "revolute" else LINEAR)[MEASURES.get(name, name)]
     if described in table and table.get(unit) != table[described]:
         raise ConfigError(
             f"unit: {own.unit!r}, but the description says {signal.unit!r} of the value after its "

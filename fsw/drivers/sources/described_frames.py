@@ -1,4 +1,4 @@
-"""Frames of described joints: which message is whose, decoded layout by layout."""
+"""Frames of described devices: which message is whose, decoded layout by layout."""
 
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
@@ -14,8 +14,8 @@ from fsw.drivers.sources.validity import REFUSED
 from fsw.drivers.wire import MAX_DATA_BYTES, FrameArray
 from fsw.messages import IntArray
 
-_Slot = tuple[int, int, Part]  # joint, which of its parts
-_Short = tuple[int, int, int]  # joint, stamp [ns] and bytes of a frame of a wrong length
+_Slot = tuple[int, int, Part]  # device, which of its parts
+_Short = tuple[int, int, int]  # device, stamp [ns] and bytes of a frame of a wrong length
 
 
 class _Kind(NamedTuple):
@@ -24,17 +24,17 @@ class _Kind(NamedTuple):
     decoder: Decoder
     roles: list[int]  # of the decoded signals
     factors: list[float]
-    slots: list[range]  # the decoded signals that one joint uses
+    slots: list[range]  # the decoded signals that one device uses
     pages: list[int | None]  # place of a value that is NaN in frames of other pages
     words: NDArray[np.uint32]
     lengths: IntArray  # least number of bytes in a frame
     most: IntArray
-    joints: IntArray  # (messages, slots) place of the joint
-    members: IntArray  # (messages, slots) which of the joint's parts this is
+    devices: IntArray  # (messages, slots) place of the device
+    members: IntArray  # (messages, slots) which of the device's parts this is
 
 
 class FrameReader:
-    """Reads the frames of all described joints of a bus."""
+    """Reads the frames of all described devices of a bus."""
 
     def __init__(self, layouts: Sequence[Layout]) -> None:
         self._kinds = _kinds_of(layouts)
@@ -46,16 +46,16 @@ class FrameReader:
     def read(
         self, frames: FrameArray, words: NDArray[np.uint32]
     ) -> tuple[IntArray, Arrivals, list[_Short]]:
-        """Return the frames of every joint, sorted by joint and in order.
+        """Return the frames of every device, sorted by device and in order.
 
         Returns
         -------
-        joint : (k,) place of the joint in the list of layouts
+        device : (k,) place of the device in the list of layouts
         arrivals : values in SI units; device times are as on the wire
         short : frames that are shorter than their message, or longer than it may be
         """
         none = np.empty(0, np.int64)
-        joints, short = [none], list[_Short]()
+        devices, short = [none], list[_Short]()
         parts = [(none, none, none, np.empty((0, self._width)))]
         for kind in self._kinds:
             place = np.searchsorted(kind.words, words)
@@ -78,27 +78,27 @@ class FrameReader:
                 with np.errstate(invalid="ignore", over="ignore"):  # any bits may come
                     for k in signals:
                         values[:, kind.roles[k]] = columns[k][here] * kind.factors[k]
-                joints.append(kind.joints[at, slot])
+                devices.append(kind.devices[at, slot])
                 parts.append((kind.members[at, slot], t_ns[here], rows[here], values))
-        joint = np.concatenate(joints)
+        device = np.concatenate(devices)
         columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
-        order = np.lexsort((columns[2], joint))
+        order = np.lexsort((columns[2], device))
         member, t_ns, rows, values = (column[order] for column in columns)
         number = np.full(len(order), REFUSED)
-        return joint[order], Arrivals(member, t_ns, rows, values, t_ns, number, t_ns.copy()), short
+        return device[order], Arrivals(member, t_ns, rows, values, t_ns, number, t_ns.copy()), short
 
 
 def _short(kind: _Kind, own: FrameArray, place: NDArray[np.intp]) -> list[_Short]:
     rows = zip(own["t_ns"].tolist(), own["length"].tolist(), place.tolist(), strict=True)
-    return [(one, t_ns, size) for t_ns, size, at in rows for one in set(kind.joints[at].tolist())]
+    return [(one, t_ns, size) for t_ns, size, at in rows for one in set(kind.devices[at].tolist())]
 
 
 def _kinds_of(layouts: Sequence[Layout]) -> list[_Kind]:
-    """Return the kinds of messages that the joints use, those of equal layout together."""
+    """Return the kinds of messages that the devices use, those of equal layout together."""
     slots: dict[int, list[_Slot]] = {}
-    for joint, layout in enumerate(layouts):
+    for device, layout in enumerate(layouts):
         for member, part in enumerate(layout.parts):
-            slots.setdefault(part.message.word, []).append((joint, member, part))
+            slots.setdefault(part.message.word, []).append((device, member, part))
     alike: dict[tuple[object, ...], list[int]] = {}
     for word, own in sorted(slots.items()):
         used = tuple((_used(part), part.page) for _, _, part in own)
@@ -128,6 +128,6 @@ def _kind_of(words: list[int], slots: Mapping[int, list[_Slot]]) -> _Kind:
         most=np.array(
             [messages[w].length if messages[w].is_exact else MAX_DATA_BYTES for w in words]
         ),
-        joints=np.array([[joint for joint, _, _ in slots[word]] for word in words]),
+        devices=np.array([[device for device, _, _ in slots[word]] for word in words]),
         members=np.array([[member for _, member, _ in slots[word]] for word in words]),
     )

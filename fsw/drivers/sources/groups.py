@@ -11,15 +11,15 @@ from fsw.messages import FloatArray, IntArray
 
 
 class Arrivals(NamedTuple):
-    """Frames of one joint in order of arrival; all arrays (k,), `values` (k, roles)."""
+    """Frames of one device in order of arrival; all arrays (k,), `values` (k, roles)."""
 
-    member: IntArray  # which of the joint's messages
+    member: IntArray  # which of the device's messages
     t_ns: IntArray
     row: IntArray  # in the batch
     values: FloatArray  # NaN: not in this frame
     done_ns: IntArray  # when its cue was known
     number: IntArray  # of the cue that it answers, REFUSED if it answers none that is known
-    cue_ns: IntArray  # stamp of the cue; that of the frame if nothing is the joint's cue
+    cue_ns: IntArray  # stamp of the cue; that of the frame if nothing is the device's cue
 
     def part(self, rows: slice | NDArray[np.intp] | NDArray[np.bool_]) -> "Arrivals":
         """Return some of the frames."""
@@ -50,31 +50,31 @@ class Group(NamedTuple):
 
 
 class Groupings:
-    """Joins the frames of every joint of a bus to samples.
+    """Joins the frames of every device of a bus to samples.
 
     Parameters
     ----------
-    joints : number of messages of each joint's sample, and the longest time between them [ns];
+    devices : number of messages of each device's sample, and the longest time between them [ns];
         None: however long, they answer the same cue
     """
 
-    def __init__(self, joints: Sequence[tuple[int, int | None]]) -> None:
-        self._each = [Grouping(*own) for own in joints]
-        members = {own[0] for own in joints}
+    def __init__(self, devices: Sequence[tuple[int, int | None]]) -> None:
+        self._each = [Grouping(*own) for own in devices]
+        members = {own[0] for own in devices}
         self._members = members.pop() if len(members) == 1 else 0  # 0: they differ
-        self._by_cue = np.array([own[1] is None for own in joints])
-        self._spread_ns = np.array([own[1] or 0 for own in joints])
+        self._by_cue = np.array([own[1] is None for own in devices])
+        self._spread_ns = np.array([own[1] or 0 for own in devices])
 
     @property
     def headless(self) -> int:
         """Number of samples without the message that carries the time."""
         return sum(own.headless for own in self._each)
 
-    def feed(self, joint: IntArray, frames: Arrivals) -> tuple[IntArray, Group]:
-        """Accept frames of one batch, sorted by joint (k,); return joints and samples."""
-        if self._members == 1 or self._is_regular(joint, frames):
-            return joint[:: self._members], _whole(frames, self._members)
-        bounds = np.searchsorted(joint, np.arange(len(self._each) + 1)).tolist()
+    def feed(self, device: IntArray, frames: Arrivals) -> tuple[IntArray, Group]:
+        """Accept frames of one batch, sorted by device (k,); return devices and samples."""
+        if self._members == 1 or self._is_regular(device, frames):
+            return device[:: self._members], _whole(frames, self._members)
+        bounds = np.searchsorted(device, np.arange(len(self._each) + 1)).tolist()
         parts = [
             own.feed(frames.part(slice(start, stop)))
             for own, (start, stop) in zip(self._each, pairwise(bounds), strict=True)
@@ -83,13 +83,13 @@ class Groupings:
         whole = Group(*(np.concatenate(column) for column in zip(*parts, strict=True)))
         return np.repeat(np.arange(len(counts)), counts), whole
 
-    def _is_regular(self, joint: IntArray, frames: Arrivals) -> bool:
+    def _is_regular(self, device: IntArray, frames: Arrivals) -> bool:
         """Return whether the frames are whole samples, one after the other."""
         size = self._members
-        if not size or len(joint) % size or any(own.is_open for own in self._each):
+        if not size or len(device) % size or any(own.is_open for own in self._each):
             return False
-        own = joint[::size]
-        is_of_one = np.array_equal(own, joint[size - 1 :: size])
+        own = device[::size]
+        is_of_one = np.array_equal(own, device[size - 1 :: size])
         return is_of_one and _are_whole(frames, size, self._spread_ns[own], self._by_cue[own])
 
 
@@ -117,7 +117,7 @@ def _whole(frames: Arrivals, members: int) -> Group:
 
 
 class Grouping:
-    """Joins the frames of one joint to samples.
+    """Joins the frames of one device to samples.
 
     A sample begins with its first frame. It ends when all its messages have come, when one comes
     again or answers another cue, or after `spread_ns`. Member 0 carries the sample's time. A sample
