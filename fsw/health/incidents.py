@@ -27,8 +27,20 @@ _NODE = frozenset(
         Fault.NODE_RESTARTED,
     }
 )
-_BUS = _NODE | {Fault.SYNC_LOST, Fault.BUS_SILENT}
-# faults that an incident explains, on the same subject or, for a bus, on every node of the bus
+_OTHERS = frozenset(
+    {
+        Fault.IMU_SILENT,
+        Fault.IMU_LOST,
+        Fault.IMU_COUNTER,
+        Fault.TRACKER_SILENT,
+        Fault.TRACKER_LOST,
+        Fault.TRACKER_CLOCK,
+        Fault.WHEEL_SILENT,
+        Fault.THRUSTER_SILENT,
+    }
+)
+_BUS = _NODE | _OTHERS | {Fault.SYNC_LOST, Fault.BUS_SILENT}
+# faults that an incident explains, on the same subject or, for a bus, on every device of the bus
 EXPLAINS: Mapping[Fault, frozenset[Fault]] = {
     Fault.BUS_OFF: _BUS | {Fault.BUS_ERRORS},
     Fault.BUS_SILENT: _BUS,
@@ -111,7 +123,7 @@ class Incidents:
     Parameters
     ----------
     recover_ns : an incident without a finding for this long is over
-    bus_of : name of the bus by name of the node
+    bus_of : name of the bus by name of the device
     window_ns : length of a window plus the lag after which it is judged
     """
 

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any, Protocol
 
 from fsw.config import Config
+from fsw.config.feed import SAMPLES
 from fsw.health.censored import CensoredTorques
 from fsw.health.incidents import LOOP, Incidents
 from fsw.health.rotation import RotationMonitor
@@ -32,8 +33,11 @@ class Health:
     def __init__(self, config: Config, torque_steps_nm: Sequence[float] = ()) -> None:
         """`torque_steps_nm`: resolution of every joint's torque; empty: those of canopen nodes."""
         settings = config.health
-        nodes = (*config.joints, *config.can_nodes)
-        bus_of = {node.name: node.bus for node in nodes if node.bus is not None}
+        bus_of = {
+            own.name: own.bus
+            for at, own in config.bus_devices.items()
+            if own.bus is not None and (at.startswith("joints.") or own.driver != SAMPLES)
+        }
         window_s = config.estimator.window_s + config.estimator.lag_s
         recover_ns, window_ns = round(settings.recover_s * 1e9), round(window_s * 1e9)
         self._incidents = Incidents(recover_ns, bus_of, window_ns)

@@ -1,7 +1,11 @@
 """One event when a fault begins, one when it is over, none for what another fault explains."""
 
+from fsw.config import Config
+from fsw.health import Health
 from fsw.health.incidents import RECOVERED, Incidents
 from fsw.messages.findings import HIGH, LOW, Fault, Finding, severity
+from tests.support.driver_configs import unit_on_bus
+from tests.support.wheel_cases import config_with_wheels
 
 MS = 1_000_000
 RECOVER_NS = 500 * MS
@@ -73,6 +77,20 @@ def test_a_bus_explains_its_joints_and_consequences_keep_it_open() -> None:
     assert tested.status()["incidents"] == {"BUS_OFF": 1}
     assert tested.status()["consequences"] == 9
     assert take(tested, 2700 * MS, Fault.IMU_CRC, "imu") == ["IMU_CRC"]
+
+
+def test_a_bus_explains_all_its_devices_and_no_serial_line() -> None:
+    data = config_with_wheels().model_dump(mode="json")
+    unit_on_bus(data)
+    health = Health(Config.model_validate(data))
+    found = [
+        Finding(0, Fault.BUS_OFF, "arm"),
+        Finding(1, Fault.WHEEL_SILENT, "wheel1"),
+        Finding(2, Fault.IMU_SILENT, "imu"),
+        Finding(3, Fault.TRACKER_SILENT, "star_tracker"),
+    ]
+    health.take(found, 3)
+    assert [event.code for event in health.events()] == ["BUS_OFF", "TRACKER_SILENT"]
 
 
 def test_a_joint_explains_nothing_of_another() -> None:
