@@ -94,8 +94,10 @@ class BusChannel:
         for other in self.others:  # which may share a message, among them and with the joints
             yield other.feed(frames), isinstance(other, SensorBusSource) and other.is_screened
             is_of_others |= other.owns(frames)
-        is_of_others &= ~np.isin(frames["word"], list(self.source.words))
-        yield self.source.feed(picked(frames, ~is_of_others)), True
+        if is_of_others.any():
+            is_of_others &= ~np.isin(frames["word"], list(self.source.words))
+            frames = picked(frames, ~is_of_others)
+        yield self.source.feed(frames), True
 
     def watch(self, now_ns: int, *, up: bool) -> None:
         """Find out which devices are silent; `up`: whether the bus has its port."""
