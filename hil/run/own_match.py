@@ -84,8 +84,8 @@ def _devices(scenario: Scenario, config: Config) -> str:
     if config.imu.present and config.imu.driver != "stim300":
         return f"imu.driver: {config.imu.driver}; must be stim300, the bench has no other"
     if config.star_tracker is not None and config.star_tracker.driver != "sagitta":
-        found = config.star_tracker.driver
-        return f"star_tracker.driver: {found}; must be sagitta, the bench has no other"
+        driver = config.star_tracker.driver
+        return f"star_tracker.driver: {driver}; must be sagitta, the bench has no other"
     rotors = 0 if scenario.wheels is None else len(scenario.wheels.rotors)
     jets = 0 if scenario.thrusters is None else len(scenario.thrusters.jets)
     for key, count in (("wheels", rotors), ("thrusters", jets)):

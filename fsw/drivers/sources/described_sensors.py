@@ -113,7 +113,8 @@ class SensorBusSource:
         read = timed.values[:, FIRST : FIRST + count * width].reshape(-1, count, width)
         is_whole: NDArray[np.bool_] = np.all(np.isfinite(read), axis=2)
         values = np.where(is_whole[:, :, None], read, np.nan).reshape(len(read), count * width)
-        is_some, index = is_whole.any(axis=1), np.arange(len(read))
+        is_some: NDArray[np.bool_] = np.any(is_whole, axis=1)
+        index = np.arange(len(read))
         in_range = np.isin(index, build(timed.t_ns, index, values).t_receive_ns)
         rows = self._reports.good(timed, is_some, in_range)
         for row in rows[~is_whole[rows].all(axis=1)].tolist():
