@@ -99,7 +99,7 @@ def test_overlays_stand_in_the_unit_with_their_whole_paths(
 @pytest.mark.parametrize("user", ["", "a b", "a%b", "x\ny"])
 def test_a_name_that_would_change_the_unit_is_refused(arm: ArmProject, user: str) -> None:
     path = arm.write()
-    with pytest.raises(ConfigError, match="cannot stand"):
+    with pytest.raises(ConfigError, match="is not possible in a systemd unit"):
         unit_text(load(path), [path], user, Path("/usr/bin/fsw"))
 
 
