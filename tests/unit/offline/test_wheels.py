@@ -32,7 +32,7 @@ def test_a_described_device_is_no_stranger_beside_tailored_nodes() -> None:
     data["wheels"][3] |= own
     nodes = Nodes(Config.model_validate(data))
     nodes.put(CanTraffic("arm", frame_array([CanFrame(1, k, bytes(2)) for k in (0x1A5, 0x725)])))
-    assert not any("are no nodes" in line for line in nodes.findings())
+    assert not any("are not nodes" in line for line in nodes.findings())
     nodes.put(CanTraffic("arm", frame_array([CanFrame(1, 0x1A6, bytes(2))])))
     assert "0x26" in nodes.findings()[0]
 
