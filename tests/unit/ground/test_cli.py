@@ -101,7 +101,7 @@ def test_without_a_daemon_there_is_no_link(capsys):
 def test_rubbish_instead_of_telemetry_is_told(capsys):
     with FakeDaemon(lambda _tc: [b"\xff" * 100]) as daemon:
         assert run(daemon, "tc", "PING") == 1
-    assert "no telemetry" in capsys.readouterr().err
+    assert "not a telemetry packet" in capsys.readouterr().err
 
 
 def test_telemetry_is_shown_packet_by_packet(capsys, tmp_path):

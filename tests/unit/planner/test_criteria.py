@@ -81,5 +81,5 @@ def test_an_unweighted_quantity_does_not_count():
 
 def test_an_unknown_name_is_a_mistake():
     rows, scale, _ = problem()
-    with pytest.raises(ValueError, match="no fused"):
+    with pytest.raises(ValueError, match="not a fused"):
         criteria.fused("best", criteria.triangular_root(rows), scale)
