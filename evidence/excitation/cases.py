@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 
 from fsw.config import Config
-from hil.world.robot import Body, Robot, load_bodies
+from hil.world.links import Body, load_bodies
+from hil.world.robot import Robot
 from hil.world.spline import JointSpline
 from planner import limits as flight_limits
 from planner.plan import Planner

@@ -19,7 +19,8 @@ from scipy.spatial.transform import Rotation
 
 from hil.world.history import TruthState
 from hil.world.inertia import FloatArray
-from hil.world.robot import BASE_NQ, Robot, load_bodies
+from hil.world.links import load_bodies
+from hil.world.robot import BASE_NQ, Robot
 from hil.world.scenario import ScenarioError
 from hil.world.spline import JointSpline
 from hil.world.stand import Stand

@@ -9,7 +9,8 @@ from hil.judge.endeffector import Verification
 from hil.judge.floating import FloatingRobot
 from hil.world.history import TruthState
 from hil.world.inertia import FloatArray, pi_of
-from hil.world.robot import Body, Robot
+from hil.world.links import Body
+from hil.world.robot import Robot
 from hil.world.scenario import Scenario
 from hil.world.spline import JointSpline
 from hil.world.truth import simulate

@@ -15,7 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from hil.world.history import TruthHistory, slope
 from hil.world.inertia import FloatArray, frame_map, pi_of, report_of, symmetric
-from hil.world.robot import Body, Link, Robot, body_of, link_of, read_links, with_base, without
+from hil.world.links import Body, Link, body_of, link_of, read_links, with_base
+from hil.world.robot import Robot, without
 from hil.world.scenario import Scenario, ScenarioError
 from hil.world.springs import Panel, SloshMass, Sprung
 

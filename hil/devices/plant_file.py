@@ -12,7 +12,8 @@ from pydantic import TypeAdapter, ValidationError
 from hil.devices.plant import Plant
 from hil.world.contact import Contact
 from hil.world.environment.config import EnvironmentSection
-from hil.world.robot import Body, Robot
+from hil.world.links import Body
+from hil.world.robot import Robot
 from hil.world.sensor_config import STRICT, SensorConfig
 from hil.world.simulation import simulate_in
 from hil.world.spline import JointSpline

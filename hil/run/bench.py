@@ -35,8 +35,9 @@ from hil.run.own_flight import exact_result, own_document, own_priors
 from hil.run.plant_document import plant_document
 from hil.run.progress import Meter
 from hil.world.history import TruthHistory
+from hil.world.links import body_of
 from hil.world.prior import Prior, draw_prior
-from hil.world.robot import Robot, body_of
+from hil.world.robot import Robot
 from hil.world.scenario import Scenario, ScenarioError
 from hil.world.sensor_config import SensorConfig
 from hil.world.simulation import simulate_in

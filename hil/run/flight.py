@@ -13,8 +13,9 @@ from hil.world.base_urdf import replace_base
 from hil.world.environment.config import OrbitSection
 from hil.world.environment.orbit import Orbit
 from hil.world.inertia import FloatArray
+from hil.world.links import read_links
 from hil.world.prior import Prior
-from hil.world.robot import Robot, read_links
+from hil.world.robot import Robot
 from hil.world.scenario import Scenario, ScenarioError, mapping_from
 from hil.world.sensor_config import SensorConfig
 

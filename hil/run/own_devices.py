@@ -17,7 +17,7 @@ from fsw.config.keys import read_key
 from hil.run.flight_effects import draws
 from hil.world.doubts import drawn_body, drawn_links, turned
 from hil.world.inertia import FloatArray
-from hil.world.robot import read_links
+from hil.world.links import read_links
 from hil.world.scenario import Scenario, report_from
 from hil.world.sensors import generator
 

@@ -6,7 +6,7 @@ from fsw.config import Config
 from fsw.config.thrusters import ThrusterConfig
 from fsw.config.wheels import WheelConfig
 from hil.devices.described import TRIGGERS
-from hil.world.robot import Link, read_links
+from hil.world.links import Link, read_links
 from hil.world.scenario import Scenario, ScenarioError
 
 NEAR = 1e-6  # rounding of numbers in a URDF [m, 1]

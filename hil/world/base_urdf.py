@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from hil.world.inertia import FloatArray
-from hil.world.robot import read_body
+from hil.world.links import read_body
 
 _KEYS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from hil.world.base_urdf import change_links
 from hil.world.inertia import FloatArray, is_physical, six_of, symmetric
-from hil.world.robot import read_links
+from hil.world.links import read_links
 from hil.world.sensor_config import Quaternion
 
 

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dposv
 
 from hil.world.history import Field, TruthHistory, TruthState
-from hil.world.robot import BASE_NQ, BASE_NV, Body, Robot, load_bodies
+from hil.world.links import Body, load_bodies
+from hil.world.robot import BASE_NQ, BASE_NV, Robot
 from hil.world.spline import Motion
 from hil.world.springs import Springs
 from hil.world.stand import Stand

@@ -156,7 +156,7 @@ def _signal_findings(
 
 
 def _misread(use: Use, frames: FrameArray, step: float, most: float) -> str:
-    """Return in words a better way to read the bits of a signal; empty: there is none.
+    """Return in words a better way to read the bits of a signal; empty if no way is better.
 
     Parameters
     ----------

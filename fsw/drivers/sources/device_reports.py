@@ -25,7 +25,7 @@ class Reporter(NamedTuple):
     name: str
     rate_hz: float
     layout: Layout
-    node_id: int | None  # of a CANopen node, which has other services too; None: it is none
+    node_id: int | None  # of a CANopen node, which has other services too; None: not a node
 
 
 class Reports:

@@ -11,7 +11,8 @@ from fsw.estimators.recursive.online import OnlineEstimator, build_online
 from fsw.messages import Block, Estimate
 from hil.world.contact import Contact, Fixture
 from hil.world.history import TruthHistory
-from hil.world.robot import Body, Robot
+from hil.world.links import Body
+from hil.world.robot import Robot
 from hil.world.thrusters import Jet, Pulse, ThrusterSystem
 from hil.world.truth import simulate
 from tests.support.estimator_cases import (

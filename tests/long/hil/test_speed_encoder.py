@@ -16,7 +16,7 @@ from fsw.messages.commands import Command, CommandName
 from hil.judge import judgement
 from hil.run import bench
 from hil.run.bench import T0_NS
-from hil.world.robot import body_of
+from hil.world.links import body_of
 from offline.describe import describe
 from tests.support.estimator_cases import parameters
 from tests.support.flown_daemon import Kept, bench_of, daemon_on, fly

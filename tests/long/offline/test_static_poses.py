@@ -14,7 +14,8 @@ import pytest
 import yaml
 
 from fsw.__main__ import main
-from hil.world.robot import Robot, load_bodies
+from hil.world.links import load_bodies
+from hil.world.robot import Robot
 
 HIL = Path(__file__).parents[3] / "hil"
 URDF = HIL / "robots" / "lab_arm.urdf"

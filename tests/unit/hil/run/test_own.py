@@ -12,7 +12,7 @@ from hil.__main__ import main
 from hil.run.default_doubts import write_with_doubts
 from hil.run.own_devices import described
 from hil.run.own_flight import own_priors, own_world
-from hil.world.robot import read_links
+from hil.world.links import read_links
 from hil.world.scenario import FOLDER, ScenarioError, load, names
 from hil.world.sensor_config import SensorConfig
 

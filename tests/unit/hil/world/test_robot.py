@@ -6,7 +6,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from hil.world.robot import Body, Robot
+from hil.world.links import Body
+from hil.world.robot import Robot
 from tests.support.truth_cases import (
     BODIES,
     TWO_ARMS,
